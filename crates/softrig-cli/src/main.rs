@@ -1,0 +1,2 @@
+//! softrig
+fn main() {}

@@ -1,0 +1,1 @@
+//! softrig-io

@@ -1,0 +1,24 @@
+//! The lowest floor of softrig: numbers, 3x3 blocks, sparse matrices and linear solvers.
+//!
+//! * [`Scalar`] is what data is made of (`f32`, `f64`), [`Lane`] what kernels compute with (one scalar, or several side by side).
+//! * [`Vec3`] and [`Mat3`] are generic over [`Lane`]; bulk data crosses crates as slices of `[R; 3]`.
+//! * [`BlockPattern`] and [`BlockCsr`] are the sparse matrices of three-dimensional elasticity: one 3x3 block per pair of nodes.
+//! * [`LinearSolver`] is the one face of all solvers: `prepare` once per pattern, `solve` once per system.
+//! * [`par`] runs loops on threads so that results are bitwise equal for any number of them.
+//!
+//! This is the only crate of the workspace with `unsafe` code.
+
+mod block;
+mod constraint;
+mod lane;
+pub mod par;
+mod scalar;
+mod small;
+pub mod solver;
+
+pub use block::{BlockCsr, BlockPattern};
+pub use constraint::DofConstraints;
+pub use lane::{Lane, Wide};
+pub use scalar::Scalar;
+pub use small::{Mat3, Vec3};
+pub use solver::{LinearSolver, SolveError, SolveReport};

@@ -1,0 +1,51 @@
+//! Loops on threads whose results do not depend on how many there are.
+//!
+//! Work is cut into chunks of fixed size, each result belongs to the chunk that owns it, and sums add the chunks' partial sums
+//! in chunk order. The thread count is that of the surrounding rayon pool.
+
+use rayon::prelude::*;
+
+/// Items per chunk of a reduction: fixed, so that the order of additions is.
+pub const CHUNK: usize = 1024;
+
+/// Sums `f(range)` over consecutive ranges of `CHUNK` items of `0..len`, in f64 and always in the same order.
+pub fn sum(len: usize, f: impl Fn(std::ops::Range<usize>) -> f64 + Sync) -> f64 {
+    let chunks = len.div_ceil(CHUNK);
+    if chunks <= 1 {
+        return f(0..len);
+    }
+    let mut partial = [0.0; 64];
+    let mut total = 0.0;
+    // in blocks of 64 chunks: no allocation, whatever the length
+    for first in (0..chunks).step_by(64) {
+        let n = (chunks - first).min(64);
+        partial[..n].par_iter_mut().enumerate().for_each(|(k, p)| {
+            let start = (first + k) * CHUNK;
+            *p = f(start..(start + CHUNK).min(len));
+        });
+        for p in &partial[..n] {
+            total += p;
+        }
+    }
+    total
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The claim of the module: the same bits on one thread and on four.
+    #[test]
+    fn sums_are_bitwise_equal_for_any_thread_count() {
+        let x: Vec<f64> = (0..200_000).map(|i| ((i * 7919) % 1000) as f64 * 0.1 + 1e-7 * i as f64).collect();
+        let run = |threads| {
+            rayon::ThreadPoolBuilder::new()
+                .num_threads(threads)
+                .build()
+                .unwrap()
+                .install(|| sum(x.len(), |r| x[r].iter().sum()))
+        };
+        assert!(run(1) > 0.0);
+        assert_eq!(run(1).to_bits(), run(4).to_bits());
+    }
+}

@@ -1,0 +1,81 @@
+//! Linear solvers behind one trait.
+
+use crate::{BlockCsr, BlockPattern, DofConstraints};
+use std::sync::Arc;
+
+/// What a solve did. Residuals are true ones: `|b - A x| / |b|`, recomputed in f64 from the final `x`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SolveReport {
+    /// Name of the solver that did the work, e.g. `"pcg"`.
+    pub solver: &'static str,
+    /// Iterations done; 0 for direct solvers and for a zero right-hand side.
+    pub iterations: usize,
+    /// Relative residual over the free nodes [-].
+    pub residual: f64,
+    /// Whether `residual` is at most the tolerance asked for.
+    pub converged: bool,
+}
+
+/// Why a system could not be solved. The solution passed in is unchanged.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum SolveError {
+    /// The right-hand side or the matrix has an entry that is not a finite number.
+    #[error("the linear system contains values that are not finite (first at node {node})")]
+    NotFinite {
+        /// First node with such a value.
+        node: usize,
+    },
+    /// The iteration limit was reached.
+    #[error(
+        "the linear solver `{solver}` stopped at residual {residual:.1e} after {iterations} iterations, {tolerance:.1e} was asked for; raise the iteration limit or use the direct solver"
+    )]
+    NotConverged {
+        /// Which solver.
+        solver: &'static str,
+        /// True relative residual reached.
+        residual: f64,
+        /// Iterations done.
+        iterations: usize,
+        /// Tolerance asked for.
+        tolerance: f64,
+    },
+    /// The matrix is not positive definite on the free nodes.
+    #[error("the stiffness matrix is not positive definite (node {node}); check for cells without volume or material")]
+    NotPositiveDefinite {
+        /// A node at which it was noticed.
+        node: usize,
+    },
+    /// The system is beyond what the solver can hold.
+    #[error("the direct solver ran out of memory for {unknowns} unknowns; use the `pcg` solver")]
+    OutOfMemory {
+        /// Number of unknowns.
+        unknowns: usize,
+    },
+}
+
+/// Solves `A x = b` on the free nodes, for a symmetric positive definite `A`.
+///
+/// `A` may hold anything in the rows and columns of constrained nodes: solvers ignore them and leave `x` zero there.
+pub trait LinearSolver<R>: Send {
+    /// Name for reports.
+    fn name(&self) -> &'static str;
+
+    /// Symbolic work; again whenever the pattern or the set of constrained nodes changes.
+    ///
+    /// # Errors
+    /// [`SolveError::OutOfMemory`] when the solver cannot hold a system of this size.
+    fn prepare(&mut self, pattern: &Arc<BlockPattern>, constraints: &DofConstraints) -> Result<(), SolveError>;
+
+    /// Numeric solve from a zero start. `rhs` and `solution` have one `[R; 3]` per node; `rhs` of constrained nodes is ignored.
+    ///
+    /// # Errors
+    /// [`SolveError`]; then `solution` is unchanged.
+    fn solve(
+        &mut self,
+        matrix: &BlockCsr<R>,
+        rhs: &[[R; 3]],
+        solution: &mut [[R; 3]],
+        tolerance: f64,
+    ) -> Result<SolveReport, SolveError>;
+}

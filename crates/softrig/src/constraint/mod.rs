@@ -1,0 +1,1 @@
+//! Constraints beyond prescribed nodes. (Prescribed nodes are `softrig_linalg::DofConstraints`.)

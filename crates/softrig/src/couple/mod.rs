@@ -1,0 +1,1 @@
+//! Where flesh meets bone.

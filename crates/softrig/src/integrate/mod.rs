@@ -1,0 +1,117 @@
+//! Time integration: one step of `M a + C v + f_int(x) = f_ext` with some nodes prescribed.
+
+use crate::body::Body;
+use softrig_linalg::{LinearSolver, Scalar, SolveError};
+
+/// Motion of every node at one instant. Plain data: `Clone` is a snapshot.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct State<R> {
+    /// Time since the start [s].
+    pub time: f64,
+    /// Position of each node [m].
+    pub position: Vec<[R; 3]>,
+    /// Velocity of each node [m/s].
+    pub velocity: Vec<[R; 3]>,
+    /// Acceleration of each node [m/s2]; zero on prescribed nodes.
+    pub acceleration: Vec<[R; 3]>,
+}
+
+impl<R: Scalar> State<R> {
+    /// At rest in the given shape.
+    #[must_use]
+    pub fn at_rest(position: Vec<[R; 3]>) -> Self {
+        let zero = vec![[R::zero(); 3]; position.len()];
+        Self { time: 0.0, velocity: zero.clone(), acceleration: zero, position }
+    }
+}
+
+/// What drives one step.
+#[derive(Clone, Copy, Debug)]
+pub struct StepInput<'a, R> {
+    /// Where prescribed nodes are at the end of the step [m]; one entry per node, read for prescribed ones.
+    pub target_position: &'a [[R; 3]],
+    /// Their velocity at the end of the step [m/s]; one entry per node, read for prescribed ones.
+    pub target_velocity: &'a [[R; 3]],
+    /// External force on each node [N], gravity included.
+    pub external_force: &'a [[R; 3]],
+    /// Step length [s].
+    pub dt: f64,
+    /// Relative residual asked of every linear solve [-].
+    pub tolerance: f64,
+}
+
+/// What one step did.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct StepOutput<R> {
+    /// Force needed to hold each prescribed node [N], zero on free nodes: `f_int` at the end of the step, no inertia, no
+    /// damping [Georgii2010 eq. 1]. The flesh pulls on its bone with `external_force - reaction`.
+    pub reaction: Vec<[R; 3]>,
+    /// Linear iterations of all solves of the step.
+    pub iterations: usize,
+    /// Largest true relative residual of its solves [-].
+    pub residual: f64,
+    /// Whether every solve reached the tolerance.
+    pub converged: bool,
+    /// The growth guard redid the step with implicit Euler.
+    pub guarded: bool,
+    /// Elastic energy at the end of the step [J].
+    pub elastic_energy: f64,
+    /// Kinetic energy at the end of the step [J].
+    pub kinetic_energy: f64,
+}
+
+/// Why a step could not be done. The state is as it was before.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum StepError {
+    /// A linear system could not be solved.
+    #[error("at t = {time:.4} s: {source}")]
+    Solve {
+        /// Time of the failed step [s].
+        time: f64,
+        /// What the solver said.
+        source: SolveError,
+    },
+    /// Positions, forces or targets are not finite numbers.
+    #[error("at t = {time:.4} s: {what} of node {node} is not a finite number")]
+    NotFinite {
+        /// Time of the failed step [s].
+        time: f64,
+        /// Which quantity.
+        what: &'static str,
+        /// First such node.
+        node: usize,
+    },
+    /// Even implicit Euler left a state that grows without bound.
+    #[error(
+        "at t = {time:.4} s: the body moves at {speed:.3e} m/s, beyond any physical bound; use a smaller time step or a stiffer material"
+    )]
+    Diverged {
+        /// Time of the failed step [s].
+        time: f64,
+        /// Largest node speed [m/s].
+        speed: f64,
+    },
+    /// The method cannot do what was asked.
+    #[error("unsupported: {0}")]
+    Unsupported(String),
+}
+
+/// Advances a state by one step. On `Err` the state is unchanged.
+pub trait Integrator<R: Scalar>: Send {
+    /// Name for reports.
+    fn name(&self) -> &'static str;
+
+    /// One step from `state` to `state.time + input.dt`.
+    ///
+    /// # Errors
+    /// [`StepError`]; state and body history are then as before the call.
+    fn step(
+        &mut self,
+        body: &mut Body<R>,
+        solver: &mut dyn LinearSolver<R>,
+        input: &StepInput<'_, R>,
+        state: &mut State<R>,
+        output: &mut StepOutput<R>,
+    ) -> Result<(), StepError>;
+}
