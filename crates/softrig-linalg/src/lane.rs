@@ -99,7 +99,7 @@ macro_rules! scalar_lane {
 scalar_lane!(f32);
 scalar_lane!(f64);
 
-/// `W` numbers side by side. Compiled inside a wide [`crate::par`] kernel this becomes vector instructions.
+/// `W` numbers side by side. Inside a [`crate::Kernel`] operations on it become vector instructions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[repr(transparent)]
 pub struct Wide<R, const W: usize>(pub [R; W]);

@@ -5,6 +5,7 @@
 //! * [`BlockPattern`] and [`BlockCsr`] are the sparse matrices of three-dimensional elasticity: one 3x3 block per pair of nodes.
 //! * [`LinearSolver`] is the one face of all solvers: `prepare` once per pattern, `solve` once per system.
 //! * [`par`] runs loops on threads so that results are bitwise equal for any number of them.
+//! * [`Kernel`] and [`run_wide`] compile one loop body for every instruction set and run the widest one of the machine.
 //!
 //! This is the only crate of the workspace with `unsafe` code.
 
@@ -15,6 +16,7 @@ pub mod par;
 mod scalar;
 mod small;
 pub mod solver;
+mod wide;
 
 pub use block::{BlockCsr, BlockPattern};
 pub use constraint::DofConstraints;
@@ -22,3 +24,4 @@ pub use lane::{Lane, Wide};
 pub use scalar::Scalar;
 pub use small::{Mat3, Vec3};
 pub use solver::{LinearSolver, SolveError, SolveReport};
+pub use wide::{Instructions, Kernel, run_wide, run_wide_with};
