@@ -1,1 +1,14 @@
-//! softrig-io
+//! Files in and out of softrig: characters, surfaces, motion capture, volume meshes, caches.
+//!
+//! Everything read here ends in metres with Y up; what was assumed on the way is said in notes. Every reader survives any
+//! bytes: it ends in a value or in an [`ImportError`] that names the file, the place, and what to change.
+
+pub mod units;
+
+mod error;
+mod import;
+mod source;
+
+pub use error::{ImportError, Place};
+pub use import::{ImportOptions, import};
+pub use units::UpAxis;
