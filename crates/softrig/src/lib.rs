@@ -20,3 +20,4 @@ pub mod integrate;
 pub mod material;
 pub mod mesh;
 pub mod rig;
+pub mod sample;
