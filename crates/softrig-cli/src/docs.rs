@@ -92,7 +92,8 @@ fn table(out: &mut String, root: &Schema, object: &Value) {
         for choice in target["oneOf"].as_array().into_iter().flatten() {
             let _ = write!(meaning, " `{}`: {}", plain(&choice["const"]), text(choice).replace('\n', " "));
         }
-        let names: Vec<_> = target["enum"].as_array().into_iter().flatten().map(|c| format!("`{}`", plain(c))).collect();
+        let names: Vec<_> =
+            target["enum"].as_array().into_iter().flatten().map(|c| format!("`{}`", plain(c))).collect();
         if !names.is_empty() {
             let _ = write!(meaning, " One of {}.", names.join(", "));
         }
@@ -129,7 +130,8 @@ fn plain(value: &Value) -> String {
 
 /// Follows a reference, also one that is optional.
 pub(crate) fn resolve<'a>(root: &'a Schema, property: &'a Value) -> &'a Value {
-    let target = property["anyOf"].as_array().and_then(|any| any.iter().find(|s| s["type"] != "null")).unwrap_or(property);
+    let target =
+        property["anyOf"].as_array().and_then(|any| any.iter().find(|s| s["type"] != "null")).unwrap_or(property);
     match target["$ref"].as_str().and_then(|r| r.strip_prefix('#')) {
         Some(pointer) => root.as_value().pointer(pointer).unwrap_or(target),
         None => target,

@@ -44,14 +44,14 @@ impl Failure {
     /// A failed read of `path`: the input's fault, unless something in the chain of causes is the machine's.
     #[must_use]
     pub fn reading(path: &Path, error: &(dyn Error + 'static)) -> Self {
-        let message = format!("{}: {}", path.display(), plain(error));
+        let message = at(path, error);
         if blames_machine(error) { Self::Machine(message) } else { Self::Input(message) }
     }
 
     /// A failed write of `path`: the machine's fault when the system refused, the input's where the content does not fit the format.
     #[must_use]
     pub fn writing(path: &Path, error: &(dyn Error + 'static)) -> Self {
-        let message = format!("{}: {}", path.display(), plain(error));
+        let message = at(path, error);
         let io = chain(error).any(|e| e.downcast_ref::<io::Error>().is_some());
         if io { Self::Machine(message) } else { Self::Input(message) }
     }
@@ -71,6 +71,12 @@ fn blames_machine(error: &(dyn Error + 'static)) -> bool {
             K::PermissionDenied | K::StorageFull | K::QuotaExceeded | K::ReadOnlyFilesystem | K::OutOfMemory
         )
     })
+}
+
+/// The message with the file it is about, unless it names that itself.
+fn at(path: &Path, error: &(dyn Error + 'static)) -> String {
+    let (path, text) = (path.display().to_string(), plain(error));
+    if text.contains(&path) { text } else { format!("{path}: {text}") }
 }
 
 /// The message on one line, with the causes that it does not already contain.
@@ -116,7 +122,10 @@ mod tests {
     fn a_missing_file_is_the_inputs_fault_and_a_locked_one_the_machines() {
         let at = Path::new("a.glb");
         let missing = Failure::reading(at, &Outer(io::ErrorKind::NotFound.into()));
-        assert_eq!((missing.exit_code(), missing.to_string().as_str()), (1, "a.glb: cannot read the buffer: no such file"));
+        assert_eq!(
+            (missing.exit_code(), missing.to_string().as_str()),
+            (1, "a.glb: cannot read the buffer: no such file")
+        );
         let locked = Failure::reading(at, &Outer(io::ErrorKind::PermissionDenied.into()));
         assert_eq!(locked.exit_code(), 3);
     }

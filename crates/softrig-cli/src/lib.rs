@@ -7,10 +7,11 @@ pub mod args;
 pub mod commands;
 pub mod docs;
 pub mod failure;
-mod interrupt;
+pub mod interrupt;
+pub mod load;
 pub mod report;
 pub mod scene;
-mod ui;
+pub mod ui;
 
 use args::{Cli, Command};
 use clap::Parser;
@@ -43,7 +44,8 @@ fn on_threads(threads: Option<usize>, work: impl FnOnce() -> Outcome + Send) -> 
     let count = threads.unwrap_or(0); // 0: as many as the machine has
     // as much stack as a main thread has
     let pool = rayon::ThreadPoolBuilder::new().num_threads(count).stack_size(8 << 20).build();
-    pool.map_err(|e| Failure::Machine(format!("cannot start {count} threads: {e}; ask for fewer with --threads")))?.install(work)
+    pool.map_err(|e| Failure::Machine(format!("cannot start {count} threads: {e}; ask for fewer with --threads")))?
+        .install(work)
 }
 
 fn execute(cli: &Cli) -> Outcome {

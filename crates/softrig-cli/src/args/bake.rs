@@ -1,7 +1,8 @@
 //! Arguments of `softrig bake`, and the groups of them that other commands share.
 
 use super::values::{
-    DynamicsName, FrameRange, KindName, Precision, SolverName, UpAxis, at_least_one, not_negative, positive, preset_named,
+    DynamicsName, FrameRange, KindName, Precision, SolverName, UpAxis, at_least_one, not_negative, positive,
+    preset_named,
 };
 use clap::Args;
 use softrig::material::MaterialPreset;

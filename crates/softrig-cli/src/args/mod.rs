@@ -17,9 +17,15 @@ use values::{at_least_one, positive};
 /// A skinned mesh, its skeleton and a clip go in; the same character with soft tissue that follows the bones, swings and
 /// squashes comes out, as a cache that other programs play.
 #[derive(Debug, Parser)]
-#[command(name = "softrig", version, max_term_width = 110, after_help = "\
-Exit codes: 0 done, 1 the input's fault, 2 usage, 3 the machine's fault (disk full, no permission), 4 the simulation could not
-be kept valid, 130 after Ctrl-C. Whatever the exit, finished frames stay valid and `softrig bake --resume` goes on from them.")]
+#[command(
+    name = "softrig",
+    version,
+    max_term_width = 110,
+    after_help = "\
+Exit codes: 0 done, 1 the input's fault, 2 usage, 3 the machine's fault (disk full, no permission), 4 the simulation \
+could not be kept valid, 130 after Ctrl-C. Whatever the exit, finished frames stay valid and `softrig bake --resume` goes \
+on from them."
+)]
 pub struct Cli {
     /// What to do.
     #[command(subcommand)]

@@ -103,7 +103,8 @@ impl FromStr for FrameRange {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let bad = || format!("`{text}` is no range of frames; write `A..B`, `A..` or `..B`, counted from 0, B left out");
+        let bad =
+            || format!("`{text}` is no range of frames; write `A..B`, `A..` or `..B`, counted from 0, B left out");
         let (a, b) = text.split_once("..").ok_or_else(bad)?;
         let number = |s: &str| s.trim().parse::<usize>().map_err(|_| bad());
         let start = if a.trim().is_empty() { 0 } else { number(a)? };
@@ -228,7 +229,9 @@ mod tests {
 
     #[test]
     fn infinities_are_no_numbers() {
-        assert!(positive("inf").is_err() && positive("nan").is_err() && positive("0").is_err() && positive("-1").is_err());
+        assert!(
+            positive("inf").is_err() && positive("nan").is_err() && positive("0").is_err() && positive("-1").is_err()
+        );
         assert!(not_negative("0").is_ok());
     }
 }

@@ -3,6 +3,7 @@
 
 mod overrides;
 mod read;
+mod rigid;
 mod template;
 
 pub use read::{SceneError, read};

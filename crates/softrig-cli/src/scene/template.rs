@@ -11,7 +11,9 @@ use std::fmt::Write;
 #[must_use]
 pub fn template(scene: &Scene, character: Option<&Character>) -> String {
     let schema = schemars::schema_for!(Scene);
-    let mut out = String::from("# A softrig scene: bake it with `softrig bake FILE.toml -o OUT`. docs/scene.md explains every key.\n");
+    let mut out = String::from(
+        "# A softrig scene: bake it with `softrig bake FILE.toml -o OUT`. docs/scene.md explains every key.\n",
+    );
     if let Some(character) = character {
         names(&mut out, character);
     }
@@ -103,7 +105,11 @@ fn lists(root: &Schema) -> Vec<(String, String)> {
         let _ = writeln!(text, "# [[{key}]]");
         let item = resolve(root, &property["items"]);
         for (field, property) in item["properties"].as_object().into_iter().flatten() {
-            let _ = writeln!(text, "# {field} =    # {}", property["description"].as_str().unwrap_or("").replace('\n', " "));
+            let _ = writeln!(
+                text,
+                "# {field} =    # {}",
+                property["description"].as_str().unwrap_or("").replace('\n', " ")
+            );
         }
         out.push((key.clone(), text));
     }
@@ -132,7 +138,11 @@ mod tests {
         scene.body.cells = Some(500);
         scene.simulation.gravity = [0.0, 1.5, 0.0];
         scene.material.near_bones = Some(super::super::NearBones { factor: 4.0, radius: 0.05 });
-        scene.region.push(super::super::Region { bone: Some("head".into()), stiffness: Some(3.0), ..Default::default() });
+        scene.region.push(super::super::Region {
+            bone: Some("head".into()),
+            stiffness: Some(3.0),
+            ..Default::default()
+        });
         scene.rigid.push(super::super::Rigid { mesh: "eye".into(), joint: "head".into() });
         let text = template(&scene, None);
         assert_eq!(parse(&text).unwrap(), scene, "{text}");

@@ -1,0 +1,76 @@
+//! Files named on the command line: what kind they are, and reading them.
+
+use crate::failure::Failure;
+use crate::scene::{self, Import, Scene};
+use softrig::character::Character;
+use softrig_io::{ImportOptions, UpAxis};
+use std::path::Path;
+
+/// What a file is, by its ending.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FileKind {
+    /// Scene file.
+    Scene,
+    /// Motion capture.
+    Motion,
+    /// Volume mesh.
+    Volume,
+    /// PC2 or MDD point cache.
+    PointCache,
+    /// Journal of a bake.
+    Journal,
+    /// Character or surface; also whatever is unknown, so that the importer says what it takes.
+    Character,
+}
+
+/// Kind of a file.
+#[must_use]
+pub fn kind(path: &Path) -> FileKind {
+    let ending = path.extension().and_then(|e| e.to_str()).unwrap_or("").to_ascii_lowercase();
+    match ending.as_str() {
+        "toml" => FileKind::Scene,
+        "bvh" => FileKind::Motion,
+        "msh" | "mesh" | "node" | "ele" | "veg" | "vtk" | "vtu" => FileKind::Volume,
+        "pc2" | "mdd" => FileKind::PointCache,
+        "softrig-journal" => FileKind::Journal,
+        _ => FileKind::Character,
+    }
+}
+
+/// The scene a file stands for: itself, or the defaults for a bare character.
+///
+/// # Errors
+/// [`Failure`] when a scene file cannot be used.
+pub fn scene(path: &Path) -> Result<Scene, Failure> {
+    match kind(path) {
+        FileKind::Scene => scene::read(path).map_err(|e| Failure::reading(path, &e)),
+        _ => Ok(Scene { character: path.to_owned(), ..Scene::default() }),
+    }
+}
+
+/// Reads a character or surface.
+///
+/// # Errors
+/// [`Failure`] when it cannot be read.
+pub fn character(path: &Path, import: &Import) -> Result<Character, Failure> {
+    let options = ImportOptions {
+        height: import.height,
+        unit: import.unit,
+        up: import.up.map(|up| match up {
+            crate::args::UpAxis::Y => UpAxis::Y,
+            crate::args::UpAxis::Z => UpAxis::Z,
+        }),
+    };
+    softrig_io::import(path, &options)
+        .map_err(|e| if e.is_machine_fault() { Failure::Machine(e.to_string()) } else { Failure::Input(e.to_string()) })
+}
+
+/// Reads a scene's character, with the meshes that the scene makes rigid.
+///
+/// # Errors
+/// [`Failure`] when it cannot be read, or the scene names a mesh or joint that it does not have.
+pub fn scene_character(scene: &Scene) -> Result<Character, Failure> {
+    let mut character = character(&scene.character, &scene.import)?;
+    scene.make_rigid(&mut character).map_err(|e| Failure::Input(format!("{}: {e}", scene.character.display())))?;
+    Ok(character)
+}

@@ -1,0 +1,77 @@
+//! Exit codes and messages that need no character.
+
+use crate::{folder, said, softrig};
+
+#[test]
+fn help_and_version_are_results() {
+    let dir = folder();
+    for args in [&["--help"][..], &["--version"], &["bake", "--help"], &["help", "render"]] {
+        let (code, out, err) = said(&softrig(dir.path(), args));
+        assert_eq!((code, err.as_str()), (Some(0), ""), "{args:?}");
+        assert!(out.contains("softrig"), "{args:?}");
+    }
+}
+
+#[test]
+fn nonsense_is_a_usage_error() {
+    let dir = folder();
+    for args in [
+        &[][..],
+        &["knead"],
+        &["bake", "a.glb"],
+        &["bake", "a.glb", "-o", "b.pc2", "--cells", "0"],
+        &["bake", "a.glb", "-o", "b.pc2", "--cells", "10", "--spacing", "0.1"],
+        &["bake", "a.glb", "-o", "b.pc2", "--frames", "9..3"],
+        &["bake", "a.glb", "-o", "b.pc2", "--resume", "--force"],
+        &["bake", "a.glb", "-o", "b.pc2", "--preset", "jelly"],
+        &["bake", "a.glb", "-o", "b.pc2", "--fps", "nan"],
+        &["render", "a.glb", "-o", "b.png", "--size", "big"],
+        &["demo", "--threads", "0"],
+    ] {
+        let (code, out, err) = said(&softrig(dir.path(), args));
+        assert_eq!((code, out.as_str()), (Some(2), ""), "{args:?}");
+        assert!(!err.is_empty(), "{args:?}");
+    }
+}
+
+#[test]
+fn a_missing_file_is_named_and_the_inputs_fault() {
+    let dir = folder();
+    for file in ["nowhere.glb", "nowhere.toml"] {
+        let (code, out, err) = said(&softrig(dir.path(), &["inspect", file]));
+        assert_eq!((code, out.as_str()), (Some(1), ""));
+        assert!(err.starts_with("error: ") && err.contains(file) && err.lines().count() == 1, "{err}");
+    }
+}
+
+#[test]
+fn a_scene_with_a_typo_names_the_line() {
+    let dir = folder();
+    std::fs::write(dir.path().join("s.toml"), "character = \"a.glb\"\n[motion]\nfsp = 24\n").unwrap();
+    let (code, _, err) = said(&softrig(dir.path(), &["inspect", "s.toml"]));
+    assert_eq!(code, Some(1));
+    assert!(err.starts_with("error: s.toml: line 3, column 1: unknown field `fsp`"), "{err}");
+}
+
+#[test]
+fn completions_know_the_commands() {
+    let dir = folder();
+    for shell in ["bash", "zsh", "fish", "powershell", "elvish"] {
+        let (code, out, _) = said(&softrig(dir.path(), &["completions", shell]));
+        assert!(code == Some(0) && out.contains("inspect") && out.contains("preroll"), "{shell}");
+    }
+}
+
+/// `softrig ... | head` must not end in a broken-pipe panic.
+#[test]
+fn a_reader_that_goes_away_is_no_error() {
+    let dir = folder();
+    let mut child = crate::command(dir.path(), &["completions", "bash"])
+        .stdout(std::process::Stdio::piped())
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stdout.take());
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(said(&output).2, "");
+}
