@@ -1,6 +1,15 @@
 //! Linear solvers behind one trait.
 
-use crate::{BlockCsr, BlockPattern, DofConstraints};
+mod direct;
+mod free;
+mod pcg;
+mod quads;
+mod residual;
+
+pub use direct::Direct;
+pub use pcg::Pcg;
+
+use crate::{BlockCsr, BlockPattern, DofConstraints, Scalar};
 use std::sync::Arc;
 
 /// What a solve did. Residuals are true ones: `|b - A x| / |b|`, recomputed in f64 from the final `x`.
@@ -46,6 +55,11 @@ pub enum SolveError {
         /// A node at which it was noticed.
         node: usize,
     },
+    /// The solver was not prepared for this system, or its parts have different lengths.
+    #[error(
+        "the linear solver was not prepared for this system; call `prepare` with its pattern and constraints first"
+    )]
+    NotPrepared,
     /// The system is beyond what the solver can hold.
     #[error("the direct solver ran out of memory for {unknowns} unknowns; use the `pcg` solver")]
     OutOfMemory {
@@ -78,4 +92,19 @@ pub trait LinearSolver<R>: Send {
         solution: &mut [[R; 3]],
         tolerance: f64,
     ) -> Result<SolveReport, SolveError>;
+}
+
+/// Do matrix and vectors belong to the prepared pattern?
+fn check_system<R: Scalar>(
+    prepared: &Arc<BlockPattern>,
+    matrix: &BlockCsr<R>,
+    rhs: &[[R; 3]],
+    solution: &[[R; 3]],
+) -> Result<(), SolveError> {
+    let nodes = prepared.row_count();
+    let fits = (Arc::ptr_eq(prepared, &matrix.pattern) || **prepared == *matrix.pattern)
+        && matrix.values.len() == prepared.block_count()
+        && rhs.len() == nodes
+        && solution.len() == nodes;
+    if fits { Ok(()) } else { Err(SolveError::NotPrepared) }
 }

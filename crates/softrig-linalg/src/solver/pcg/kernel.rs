@@ -1,0 +1,163 @@
+//! The loops of one conjugate-gradient iteration, each over the rows of one chunk.
+//!
+//! A node is four lanes (x, y, z, 0) whatever the machine's width, so sums have one order everywhere. Dot products are added in
+//! f64 also for f32 vectors.
+
+use crate::solver::free::FreePattern;
+use crate::{Kernel, Lane, Mat3, Scalar, Vec3, Wide};
+
+/// Blocks one after the other, nine numbers each, and a few of padding because a row of three is loaded as four.
+#[derive(Debug, Default)]
+pub(super) struct Blocks<A>(pub Vec<A>);
+
+impl<A: Scalar> Blocks<A> {
+    const PADDING: usize = 1;
+
+    pub fn zero(count: usize) -> Self {
+        Self(vec![A::zero(); 9 * count + Self::PADDING])
+    }
+}
+
+/// Inverse of a diagonal block; rows end in a zero.
+pub(super) type Inverse<A> = [[A; 4]; 3];
+
+#[inline(always)]
+fn add_dot<A: Scalar>(sum: &mut Wide<f64, 4>, a: Wide<A, 4>, b: Wide<A, 4>) {
+    *sum += Wide(a.0.map(Scalar::to_f64)) * Wide(b.0.map(Scalar::to_f64));
+}
+
+#[inline(always)]
+fn total(sum: Wide<f64, 4>) -> f64 {
+    (sum.0[0] + sum.0[1]) + sum.0[2]
+}
+
+/// `y = A x` on rows `first..first + y.len()`; returns `xᵀ y` over them.
+pub(super) struct Product<'a, A> {
+    pub pattern: &'a FreePattern,
+    pub values: &'a Blocks<A>,
+    pub x: &'a [[A; 4]],
+    pub first: usize,
+    pub y: &'a mut [[A; 4]],
+}
+
+impl<A: Scalar> Kernel for Product<'_, A> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn run<const W: usize>(self) -> f64 {
+        let Self { pattern, values, x, first, y } = self;
+        let (column, values) = (&pattern.column[..], &values.0[..]);
+        assert!(x.len() == pattern.row_count() && values.len() > 9 * column.len());
+        // three rows of products, two blocks in flight
+        let block = |k: usize, sum: &mut [Wide<A, 4>; 3]| {
+            // SAFETY: `k < column.len()`, columns of a `FreePattern` are below its row count, which is the length of `x`;
+            // `values` holds nine numbers per column and one more (both asserted above).
+            let (m, v) = unsafe {
+                (values.get_unchecked(9 * k..9 * k + 10), *x.get_unchecked(*column.get_unchecked(k) as usize))
+            };
+            let v = Wide(v);
+            for r in 0..3 {
+                sum[r] += Wide([m[3 * r], m[3 * r + 1], m[3 * r + 2], m[3 * r + 3]]) * v;
+            }
+        };
+        let mut dot = Wide::<f64, 4>::zero();
+        for (i, y) in y.iter_mut().enumerate() {
+            let row = pattern.row(first + i);
+            let mut sum = [[Wide::<A, 4>::zero(); 3]; 2];
+            let mut k = row.start;
+            while k + 1 < row.end {
+                block(k, &mut sum[0]);
+                block(k + 1, &mut sum[1]);
+                k += 2;
+            }
+            if k < row.end {
+                block(k, &mut sum[0]);
+            }
+            let s: [[A; 4]; 3] = std::array::from_fn(|r| (sum[0][r] + sum[1][r]).0);
+            // transposed, so that the three rows are added side by side
+            let part = |c: usize| Wide([s[0][c], s[1][c], s[2][c], A::zero()]);
+            let q = (part(0) + part(1)) + part(2);
+            *y = q.0;
+            add_dot(&mut dot, q, Wide(x[first + i]));
+        }
+        total(dot)
+    }
+}
+
+/// `x += alpha p; r -= alpha q; z = D r`; returns `(rᵀ z, rᵀ r)`.
+pub(super) struct Update<'a, A> {
+    pub alpha: A,
+    pub p: &'a [[A; 4]],
+    pub q: &'a [[A; 4]],
+    pub inverse: &'a [Inverse<A>],
+    pub x: &'a mut [[A; 4]],
+    pub r: &'a mut [[A; 4]],
+    pub z: &'a mut [[A; 4]],
+}
+
+impl<A: Scalar> Kernel for Update<'_, A> {
+    type Output = [f64; 2];
+
+    #[inline(always)]
+    fn run<const W: usize>(self) -> [f64; 2] {
+        let Self { alpha, p, q, inverse, x, r, z } = self;
+        let alpha = Wide::<A, 4>::splat(alpha);
+        let n = p.len();
+        let (q, inverse, x, r, z) = (&q[..n], &inverse[..n], &mut x[..n], &mut r[..n], &mut z[..n]);
+        let (mut rz, mut rr) = (Wide::<f64, 4>::zero(), Wide::<f64, 4>::zero());
+        for i in 0..n {
+            x[i] = (Wide(x[i]) + alpha * Wide(p[i])).0;
+            let ri = Wide(r[i]) - alpha * Wide(q[i]);
+            r[i] = ri.0;
+            let d = &inverse[i];
+            // the inverse is symmetric: its rows are its columns
+            let zi = (Wide(d[0]) * Wide::splat(ri.0[0]) + Wide(d[1]) * Wide::splat(ri.0[1]))
+                + Wide(d[2]) * Wide::splat(ri.0[2]);
+            z[i] = zi.0;
+            add_dot(&mut rz, ri, zi);
+            add_dot(&mut rr, ri, ri);
+        }
+        [total(rz), total(rr)]
+    }
+}
+
+/// `p = z + beta p`.
+pub(super) struct Direction<'a, A> {
+    pub beta: A,
+    pub z: &'a [[A; 4]],
+    pub p: &'a mut [[A; 4]],
+}
+
+impl<A: Scalar> Kernel for Direction<'_, A> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<const W: usize>(self) {
+        let beta = Wide::<A, 4>::splat(self.beta);
+        for (p, z) in self.p.iter_mut().zip(self.z) {
+            *p = (Wide(*z) + beta * Wide(*p)).0;
+        }
+    }
+}
+
+/// Inverse of a symmetric positive definite block, in f64; `None` when it is not one.
+pub(super) fn inverse_of_block<A: Scalar>(m: [f64; 9]) -> Option<Inverse<A>> {
+    // leading minors decide; on a block scaled to 1 they cannot overflow
+    let scale = m[0].max(m[4]).max(m[8]);
+    if !(m[0] > 0.0 && m[4] > 0.0 && m[8] > 0.0 && scale.is_finite()) {
+        return None;
+    }
+    let m = m.map(|v| v / scale);
+    let (b, c, f) = (0.5 * (m[1] + m[3]), 0.5 * (m[2] + m[6]), 0.5 * (m[5] + m[7]));
+    let symmetric = Mat3([[m[0], b, c], [b, m[4], f], [c, f, m[8]]]);
+    let (minor, det) = (m[0] * m[4] - b * b, symmetric.determinant());
+    if !(minor > 0.0 && det > 0.0) {
+        return None;
+    }
+    let inverse = symmetric.inverse();
+    let out = inverse.0.map(|row| {
+        let Vec3(row) = Vec3(row).scale(1.0 / scale);
+        [A::from_f64(row[0]), A::from_f64(row[1]), A::from_f64(row[2]), A::zero()]
+    });
+    out.as_flattened().iter().all(|v| v.is_finite()).then_some(out)
+}
