@@ -3,6 +3,8 @@
 //! Everything read here ends in metres with Y up; what was assumed on the way is said in notes. Every reader survives any
 //! bytes: it ends in a value or in an [`ImportError`] that names the file, the place, and what to change.
 
+pub mod export;
+pub mod journal;
 pub mod units;
 
 mod error;

@@ -1,3 +1,8 @@
 //! Tests of the public face of softrig-io, on real files where `shared/data` is present.
 
+#![allow(clippy::unwrap_used, reason = "a failing unwrap is a failing test")]
+
+mod export;
+mod journal;
+mod made;
 mod shared;

@@ -1,0 +1,195 @@
+//! From a journal to the formats other programs play.
+//!
+//! Everything is written under a temporary name in the folder of the output and renamed at the end: an output that is there is
+//! whole, and one that was there before stays as it was until the new one is.
+
+mod cache;
+mod cache_reader;
+mod output;
+mod space;
+
+pub use cache_reader::{CacheError, PointCache};
+pub(crate) use output::temporary_beside;
+
+use crate::journal::{Existing, JournalError, JournalReader};
+use softrig::character::Character;
+use std::io::{Read, Seek};
+use std::path::{Path, PathBuf};
+
+/// What to make of a journal.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Format {
+    /// 3ds Max point cache, little-endian: one file for each mesh, in its local space. Blender's Mesh Cache modifier reads it.
+    Pc2,
+    /// LightWave motion designer, big-endian: as [`Format::Pc2`], with times in seconds.
+    Mdd,
+}
+
+impl Format {
+    /// The format that the ending of an output stands for.
+    ///
+    /// # Errors
+    /// [`ExportError::Unsupported`] names what to use instead.
+    pub fn from_path(out: &Path) -> Result<Self, ExportError> {
+        let ending = out.extension().map(|e| e.to_string_lossy().to_lowercase());
+        let refuse = |what: &str, instead| {
+            Err(ExportError::Unsupported { what: format!("`{what}` as an output"), instead: String::from(instead) })
+        };
+        match ending.as_deref() {
+            Some("pc2") => Ok(Self::Pc2),
+            Some("mdd") => Ok(Self::Mdd),
+            Some(other) => refuse(&format!(".{other}"), "use .pc2 or .mdd"),
+            None => refuse("a folder", "use .pc2 or .mdd"),
+        }
+    }
+}
+
+/// How to write.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ExportOptions {
+    /// What to do about an output that is there already.
+    pub existing: Existing,
+}
+
+impl Default for ExportOptions {
+    fn default() -> Self {
+        Self { existing: Existing::Refuse }
+    }
+}
+
+/// What was written.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ExportReport {
+    /// The files, one per mesh or frame where the format wants that.
+    pub files: Vec<PathBuf>,
+    /// Frames in them.
+    pub frames: usize,
+    /// What a reader of the result should know, in plain words.
+    pub notes: Vec<String>,
+}
+
+/// Why an output could not be written. What was there before is untouched.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ExportError {
+    /// The operating system refused.
+    #[error("cannot write {}: {source}; the frames are safe in the journal, `softrig convert` makes the output from it", file.display())]
+    Io {
+        /// The output.
+        file: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// There is one already.
+    #[error("{} exists; replace it with --force or choose another output", file.display())]
+    Exists {
+        /// The output.
+        file: PathBuf,
+    },
+    /// A folder that is to be replaced holds something softrig did not write.
+    #[error("{} is not replaced because it holds `{file}`, which softrig did not write; choose another output", folder.display())]
+    ForeignFolder {
+        /// The folder.
+        folder: PathBuf,
+        /// First such file.
+        file: String,
+    },
+    /// softrig does not write this.
+    #[error("softrig cannot write {what}; {instead}")]
+    Unsupported {
+        /// What was asked for.
+        what: String,
+        /// What to do instead.
+        instead: String,
+    },
+    /// The journal holds no frame yet.
+    #[error("the journal {} holds no finished frame; go on with the bake first (--resume)", journal.display())]
+    NoFrames {
+        /// The journal.
+        journal: PathBuf,
+    },
+    /// The journal was made with another character.
+    #[error("the journal was made with another character: {what} differs; name the character it was baked from")]
+    OtherCharacter {
+        /// What differs.
+        what: String,
+    },
+    /// More than the format can hold.
+    #[error("{what} is more than {format} can hold ({limit}); {instead}")]
+    TooLarge {
+        /// What is too large, and how large it is.
+        what: String,
+        /// The format.
+        format: &'static str,
+        /// The most it holds.
+        limit: u64,
+        /// What to do instead.
+        instead: &'static str,
+    },
+    /// The journal could not be read.
+    #[error(transparent)]
+    Journal(#[from] JournalError),
+}
+
+impl ExportError {
+    /// Whether the machine is at fault (disk full, no permission) and not what was asked for.
+    #[must_use]
+    pub fn is_machine_fault(&self) -> bool {
+        match self {
+            Self::Io { .. } => true,
+            Self::Journal(e) => e.is_machine_fault(),
+            _ => false,
+        }
+    }
+}
+
+/// Writes all frames of a journal, finished or torn, as `format`.
+///
+/// # Errors
+/// [`ExportError`]; nothing that was there before has changed.
+pub fn write<S: Read + Seek>(
+    journal: &mut JournalReader<S>,
+    character: &Character,
+    format: Format,
+    out: &Path,
+    options: &ExportOptions,
+) -> Result<ExportReport, ExportError> {
+    check_character(journal, character)?;
+    if journal.frame_count() == 0 {
+        return Err(ExportError::NoFrames { journal: journal.path().to_owned() });
+    }
+    if options.existing == Existing::Refuse && out.symlink_metadata().is_ok() {
+        return Err(ExportError::Exists { file: out.to_owned() });
+    }
+    match format {
+        Format::Pc2 | Format::Mdd => cache::write(journal, character, format, out, options),
+    }
+}
+
+/// The journal's frames belong to this character.
+fn check_character<S: Read + Seek>(journal: &JournalReader<S>, character: &Character) -> Result<(), ExportError> {
+    let other = |what: String| Err(ExportError::OtherCharacter { what });
+    let header = journal.header();
+    if header.joint_count as usize != character.skeleton.joint_count() {
+        return other(format!(
+            "the number of joints ({} and {})",
+            header.joint_count,
+            character.skeleton.joint_count()
+        ));
+    }
+    if header.meshes.len() != character.meshes.len() {
+        return other(format!("the number of meshes ({} and {})", header.meshes.len(), character.meshes.len()));
+    }
+    for (a, b) in header.meshes.iter().zip(&character.meshes) {
+        if a.name != b.name || a.vertex_count as usize != b.positions.len() {
+            let (n, m) = (a.vertex_count, b.positions.len());
+            return other(format!("a mesh (`{}` with {n} vertices, `{}` with {m})", a.name, b.name));
+        }
+    }
+    let known = |j: &softrig::rig::JointId| j.index() < character.skeleton.joint_count();
+    if !character.meshes.iter().all(|m| m.object.as_ref().is_none_or(known)) {
+        return other(String::from("an object frame"));
+    }
+    Ok(())
+}
