@@ -2,6 +2,7 @@
 
 use crate::error::{ImportError, Place};
 use crate::source::read_file;
+use crate::surface::{self, SurfaceFormat};
 use crate::units::UpAxis;
 use softrig::character::Character;
 use std::path::Path;
@@ -21,9 +22,7 @@ pub struct ImportOptions {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Format {
     Gltf,
-    Obj,
-    Ply,
-    Stl,
+    Surface(SurfaceFormat),
 }
 
 /// Reads a character (`.glb`, `.gltf`) or a bare surface (`.obj`, `.ply`, `.stl`), in metres and Y up. The first bytes decide
@@ -31,16 +30,17 @@ enum Format {
 ///
 /// # Errors
 /// [`ImportError`] with the file, the place, and what to change.
-pub fn import(path: &Path, _options: &ImportOptions) -> Result<Character, ImportError> {
+pub fn import(path: &Path, options: &ImportOptions) -> Result<Character, ImportError> {
     let bytes = read_file(path)?;
     if bytes.is_empty() {
         return Err(ImportError::malformed(path, Place::Whole, "it is empty", "export it again"));
     }
     match format_of(path, &bytes)? {
-        format @ (Format::Gltf | Format::Obj | Format::Ply | Format::Stl) => Err(ImportError::unsupported(
+        Format::Surface(format) => surface::read_bytes(&bytes, path, format, options),
+        Format::Gltf => Err(ImportError::unsupported(
             path,
             Place::Whole,
-            format!("{format:?} files cannot be read yet"),
+            "glTF files cannot be read yet",
             "wait for the next version",
         )),
     }
@@ -53,13 +53,13 @@ fn format_of(path: &Path, bytes: &[u8]) -> Result<Format, ImportError> {
         return Ok(Format::Gltf);
     }
     if bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r") {
-        return Ok(Format::Ply);
+        return Ok(Format::Surface(SurfaceFormat::Ply));
     }
     match ending.as_str() {
         "glb" | "gltf" | "vrm" => Ok(Format::Gltf),
-        "obj" => Ok(Format::Obj),
-        "ply" => Ok(Format::Ply),
-        "stl" => Ok(Format::Stl),
+        "obj" => Ok(Format::Surface(SurfaceFormat::Obj)),
+        "ply" => Ok(Format::Surface(SurfaceFormat::Ply)),
+        "stl" => Ok(Format::Surface(SurfaceFormat::Stl)),
         _ => Err(ImportError::UnknownFormat { file: path.into(), remedy: remedy_for(&ending) }),
     }
 }

@@ -3,13 +3,17 @@
 //! Everything read here ends in metres with Y up; what was assumed on the way is said in notes. Every reader survives any
 //! bytes: it ends in a value or in an [`ImportError`] that names the file, the place, and what to change.
 
+pub mod bvh;
 pub mod export;
 pub mod journal;
+pub mod surface;
 pub mod units;
 
 mod error;
 mod import;
 mod source;
+#[allow(dead_code, reason = "the volume readers use the rest")]
+mod text;
 
 pub use error::{ImportError, Place};
 pub use import::{ImportOptions, import};

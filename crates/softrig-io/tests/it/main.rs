@@ -2,7 +2,10 @@
 
 #![allow(clippy::unwrap_used, reason = "a failing unwrap is a failing test")]
 
+mod bad;
+mod bvh;
 mod export;
 mod journal;
 mod made;
 mod shared;
+mod surface;

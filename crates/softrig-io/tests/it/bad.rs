@@ -1,0 +1,104 @@
+//! Input that is ugly, broken or cut short: every file works or is refused with one clear message.
+
+use crate::shared::{data, files};
+use softrig_io::{ImportError, ImportOptions, import};
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+/// What becomes of a bad file.
+enum Outcome {
+    /// Ugly geometry is still geometry.
+    Works,
+    /// Refused because: a part of the message.
+    #[allow(dead_code, reason = "until the first row needs it")]
+    Refused(&'static str),
+}
+use Outcome::{Refused, Works};
+
+const SURFACES: [(&str, Outcome); 13] = [
+    ("chair_model.obj", Works),
+    ("cloth100.obj", Works),
+    ("cycloidal.ply", Works),
+    ("demosthenes_scan_open.obj", Works),
+    ("human_neutral_eyes.obj", Works),
+    ("joined_tetrahedra.obj", Works),
+    ("multibody.stl", Works),
+    ("negative_indices.obj", Works),
+    // the face with two corners is left out and said, the triangle stays
+    ("notenoughindices.obj", Works),
+    ("rabbit.obj", Works),
+    ("soup.stl", Works),
+    ("teapot.stl", Works),
+    ("wallhole.obj", Works),
+];
+
+fn check(path: &Path, expected: &Outcome, result: Result<(), ImportError>) {
+    match (expected, result) {
+        (Works, Ok(())) => {}
+        (Works, Err(e)) => panic!("{} should work: {e}", path.display()),
+        (Refused(because), Err(e)) => {
+            let message = e.to_string();
+            assert!(message.contains(because), "{message}");
+            assert!(message.contains(&*path.file_name().unwrap().to_string_lossy()), "names no file: {message}");
+            assert!(!message.contains('\n'), "not one line: {message}");
+        }
+        (Refused(because), Ok(())) => panic!("{} should be refused: {because}", path.display()),
+    }
+}
+
+#[test]
+fn every_bad_surface_works_or_is_refused_as_the_table_says() {
+    let Some(folder) = data() else { return };
+    let folder = folder.join("bad");
+    for (name, expected) in &SURFACES {
+        let path = folder.join(name);
+        check(&path, expected, import(&path, &ImportOptions::default()).map(|_| ()));
+    }
+    // no file of the folder is forgotten
+    let found = files(&folder, &["obj", "ply", "stl"]);
+    assert_eq!(found.len(), SURFACES.len(), "{found:?}");
+}
+
+#[test]
+fn what_was_left_out_is_said() {
+    let Some(folder) = data() else { return };
+    let character = import(&folder.join("bad/notenoughindices.obj"), &ImportOptions::default()).unwrap();
+    assert_eq!(character.meshes[0].triangles, [[0, 1, 2]]);
+    assert!(
+        character.notes.iter().any(|n| n.contains("1 faces with fewer than three corners")),
+        "{:?}",
+        character.notes
+    );
+}
+
+/// Runs `read` on 200 evenly spaced prefixes of a file: each ends in a value or an error, none takes more than 2 s.
+pub fn cut(path: &Path, read: impl Fn(&[u8])) {
+    let bytes = std::fs::read(path).unwrap();
+    for k in 0..200 {
+        let start = Instant::now();
+        read(&bytes[..bytes.len() * k / 200]);
+        assert!(start.elapsed() < Duration::from_secs(2), "{} cut at {k}/200 is slow", path.display());
+    }
+}
+
+#[test]
+fn surfaces_cut_anywhere_end_in_a_value_or_an_error() {
+    use softrig_io::surface::{SurfaceFormat, from_bytes};
+    let Some(folder) = data() else { return };
+    let mut paths = files(&folder.join("surfaces"), &["obj"]);
+    paths.extend(files(&folder.join("bad"), &["obj", "ply", "stl"]));
+    for path in paths {
+        let format = match path.extension().unwrap().to_str().unwrap() {
+            "obj" => SurfaceFormat::Obj,
+            "ply" => SurfaceFormat::Ply,
+            _ => SurfaceFormat::Stl,
+        };
+        cut(&path, |bytes| {
+            if let Ok(character) = from_bytes(bytes, &path, format, &ImportOptions::default()) {
+                let mesh = &character.meshes[0];
+                assert!(mesh.triangles.iter().flatten().all(|v| (*v as usize) < mesh.positions.len()));
+                assert!(mesh.positions.iter().flatten().all(|v| v.is_finite()));
+            }
+        });
+    }
+}
