@@ -1,6 +1,7 @@
 //! One door for all characters and surfaces.
 
 use crate::error::{ImportError, Place};
+use crate::gltf;
 use crate::source::read_file;
 use crate::surface::{self, SurfaceFormat};
 use crate::units::UpAxis;
@@ -37,12 +38,7 @@ pub fn import(path: &Path, options: &ImportOptions) -> Result<Character, ImportE
     }
     match format_of(path, &bytes)? {
         Format::Surface(format) => surface::read_bytes(&bytes, path, format, options),
-        Format::Gltf => Err(ImportError::unsupported(
-            path,
-            Place::Whole,
-            "glTF files cannot be read yet",
-            "wait for the next version",
-        )),
+        Format::Gltf => gltf::read_beside(&bytes, path, options),
     }
 }
 

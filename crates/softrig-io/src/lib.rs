@@ -5,12 +5,14 @@
 
 pub mod bvh;
 pub mod export;
+pub mod gltf;
 pub mod journal;
 pub mod surface;
 pub mod units;
 
 mod error;
 mod import;
+mod names;
 mod source;
 #[allow(dead_code, reason = "the volume readers use the rest")]
 mod text;

@@ -5,6 +5,7 @@
 mod bad;
 mod bvh;
 mod export;
+mod gltf;
 mod journal;
 mod made;
 mod shared;
