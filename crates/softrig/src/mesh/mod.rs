@@ -1,9 +1,29 @@
 //! Surfaces, volume meshes around them, and what ties the two together.
 
+mod boundary;
+mod bvh;
+mod components;
+mod embed;
 mod embedding;
+mod error;
+mod orient;
+mod samples;
+mod sets;
+mod shape;
 mod surface;
 mod volume;
+mod voxel;
+mod weld;
+mod winding;
 
+pub use boundary::{BoundaryFaces, boundary_faces};
+pub use components::{Components, components, surface_components};
+pub use embed::EmbedReport;
 pub use embedding::Embedding;
+pub use error::MeshError;
+pub use samples::{SurfaceSample, surface_samples};
 pub use surface::SurfaceMesh;
 pub use volume::{CellKind, Lattice, VolumeMesh};
+pub use voxel::{LatticeOptions, LatticeReport, Resolution, voxelize, voxelize_with_report};
+pub use weld::{Weld, weld};
+pub use winding::Winding;

@@ -1,0 +1,3 @@
+//! Integration tests of the core crate, one module per topic.
+
+mod mesh;
