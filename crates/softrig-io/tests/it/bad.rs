@@ -10,7 +10,6 @@ enum Outcome {
     /// Ugly geometry is still geometry.
     Works,
     /// Refused because: a part of the message.
-    #[allow(dead_code, reason = "until the first row needs it")]
     Refused(&'static str),
 }
 use Outcome::{Refused, Works};
@@ -30,6 +29,18 @@ const SURFACES: [(&str, Outcome); 13] = [
     ("soup.stl", Works),
     ("teapot.stl", Works),
     ("wallhole.obj", Works),
+];
+
+const GLTF: [(&str, Outcome); 7] = [
+    ("BoxWithInfinites.glb", Refused("has no finite position")),
+    ("IndexOutOfRange.gltf", Refused("but there are")),
+    ("RecursiveNodes.gltf", Refused("must be a tree")),
+    ("integer-out-of-bounds.gltf", Refused("1e+300")),
+    // no node shows the mesh that names what does not exist
+    ("invalid-buffer-index.gltf", Refused("no node of its scene shows a mesh")),
+    ("invalid-primitive-indices.gltf", Refused("no node of its scene shows a mesh")),
+    // one inverse bind matrix is garbage: replaced and said
+    ("unassigned-skeleton.gltf", Works),
 ];
 
 fn check(path: &Path, expected: &Outcome, result: Result<(), ImportError>) {
@@ -57,6 +68,18 @@ fn every_bad_surface_works_or_is_refused_as_the_table_says() {
     // no file of the folder is forgotten
     let found = files(&folder, &["obj", "ply", "stl"]);
     assert_eq!(found.len(), SURFACES.len(), "{found:?}");
+}
+
+#[test]
+fn every_bad_gltf_works_or_is_refused_as_the_table_says() {
+    let Some(folder) = data() else { return };
+    let folder = folder.join("bad/gltf");
+    for (name, expected) in &GLTF {
+        let path = folder.join(name);
+        check(&path, expected, import(&path, &ImportOptions::default()).map(|_| ()));
+    }
+    let found = files(&folder, &["glb", "gltf"]);
+    assert_eq!(found.len(), GLTF.len(), "{found:?}");
 }
 
 #[test]

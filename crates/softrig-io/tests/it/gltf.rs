@@ -1,5 +1,6 @@
 //! Characters in glTF.
 
+use crate::gltf_reference::Reference;
 use crate::shared::data;
 use softrig::character::{Character, Skin};
 use softrig_io::{ImportOptions, gltf};
@@ -72,5 +73,86 @@ fn bones_keep_their_volume_in_every_clip() {
                 }
             }
         }
+    }
+}
+
+/// Skinning through rest frames and bone maps is that of the file. The second reading is `gltf_reference.rs`; weights are f32
+/// here and f64 there, matrices f32 in the file, hence 1e-6 of the height.
+#[test]
+fn blend_skinning_equals_a_plain_reading_of_the_file() {
+    let Some(data) = data() else { return };
+    for (name, _, unit) in CHARACTERS {
+        let c = read(&data, name);
+        let reference = Reference::open(&data.join("characters").join(name));
+        let mut moments = vec![(None, 0.0)];
+        for (k, clip) in c.clips.iter().enumerate() {
+            moments.extend([0.0, 0.37, 1.0].map(|s| (Some(k), clip.start + s * clip.duration())));
+        }
+        let mut worst = 0.0f64;
+        for (clip, time) in moments {
+            let locals = clip.map_or(c.skeleton.rest_locals(), |k| c.clips[k].sample(&c.skeleton, time));
+            let pose = c.skeleton.pose(&locals);
+            let expected = reference.skinned(clip, time);
+            assert_eq!(expected.len(), c.meshes.len());
+            for (m, expected) in expected.iter().enumerate() {
+                let got = c.blend_skin(m, &pose);
+                assert_eq!(got.len(), expected.len(), "{name}");
+                for (a, b) in got.iter().zip(expected) {
+                    worst = (0..3).map(|k| (a[k] - unit * b[k]).abs()).fold(worst, f64::max);
+                }
+            }
+        }
+        let size = c.height().max(0.1);
+        assert!(worst < 1e-6 * size, "{name}: {worst} m of {size}");
+    }
+}
+
+#[test]
+fn separate_files_give_the_same_character_as_one() {
+    let Some(data) = data() else { return };
+    let mut one = read(&data, "CesiumMan.glb");
+    one.name = "CesiumMan".into();
+    assert_eq!(one, read(&data, "CesiumMan_separate/CesiumMan.gltf"));
+    assert_eq!(one.textures.len(), 1);
+}
+
+/// Both robots are one model; 16 bits over the model's 6.6 units, after its bones, leave 1e-4 of the height.
+#[test]
+fn a_quantized_file_is_the_plain_one_to_its_bits() {
+    let Some(data) = data() else { return };
+    let (plain, packed) = (read(&data, "RobotExpressive.glb"), read(&data, "RobotExpressive_quantized.glb"));
+    let mut compared = 0;
+    for mesh in &plain.meshes {
+        let Some(other) = packed.meshes.iter().find(|m| m.name == mesh.name) else { continue };
+        let (a, b) = (bounds(&mesh.positions), bounds(&other.positions));
+        for k in 0..6 {
+            assert!((a[k] - b[k]).abs() < 1e-4 * plain.height(), "{}: {a:?} {b:?}", mesh.name);
+        }
+        compared += 1;
+    }
+    assert_eq!(compared, 14);
+}
+
+fn bounds(points: &[[f64; 3]]) -> [f64; 6] {
+    let mut out = [f64::INFINITY; 6];
+    for p in points {
+        for k in 0..3 {
+            out[k] = out[k].min(p[k]);
+            out[3 + k] = out[3 + k].min(-p[k]);
+        }
+    }
+    out
+}
+
+/// Cut anywhere, a binary file is refused as cut short, a text file as broken JSON.
+#[test]
+fn characters_cut_anywhere_are_refused() {
+    let Some(data) = data() else { return };
+    for (name, ..) in CHARACTERS {
+        let path = data.join("characters").join(name);
+        crate::bad::cut(&path, |bytes| {
+            let e = gltf::read_beside(bytes, &path, &ImportOptions::default()).unwrap_err().to_string();
+            assert!(e.contains("cut short") || e.contains("JSON"), "{e}");
+        });
     }
 }
