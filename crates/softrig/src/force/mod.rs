@@ -1,6 +1,36 @@
 //! Force models: the internal force of a deformed body, and its stiffness.
 
+mod assembly;
+mod corotated;
+mod hex;
+pub mod polar;
+mod stress;
+mod stvk;
+mod tet;
+
+pub use assembly::Increment;
+pub(crate) use corotated::corotated;
+pub use corotated::{Corotated, Rotations};
+pub use hex::{QuadraturePoint, hex_points, hex_stiffness};
+pub use stress::{CellStress, cell_stress};
+pub use stvk::{StVenantKirchhoff, stvk_hessian};
+pub use tet::tet_gradients;
+
+use serde::{Deserialize, Serialize};
 use softrig_linalg::{BlockCsr, Scalar};
+
+/// Which elasticity a body has.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum ElasticModel {
+    /// Corotated linear elasticity: cheap, safe in every shape. The default.
+    #[default]
+    Corotated,
+    /// Linear elasticity: no rotations. For checks; swells when it turns.
+    Linear,
+    /// St. Venant-Kirchhoff: exact for large rotations, for checks; collapses under strong compression.
+    StVenantKirchhoff,
+}
 
 /// Internal force and stiffness of a body. Sign: f_int as on the left of `M a + C v + f_int(x) = f_ext`.
 ///
@@ -9,12 +39,19 @@ pub trait ForceModel<R: Scalar>: Send {
     /// Moves the linearisation point to `position` [m], one per node: rotations of cells, warm-started from the last call.
     fn linearise(&mut self, position: &[[R; 3]]);
 
-    /// Writes `f_int(x) + K y` [N] for every node into `force` (overwriting it), with `x` the point given to the last
-    /// [`Self::linearise`], `K` its stiffness and `y` an optional displacement [m]. Returns the elastic energy at `x` [J].
-    fn force(&mut self, position: &[[R; 3]], displacement: Option<&[[R; 3]]>, force: &mut [[R; 3]]) -> f64;
+    /// Writes `f_int(x) + K d + C v` [N] for every node into `force` (overwriting it), with `x` the point given to the last
+    /// [`Self::linearise`], `K` its stiffness, `C = Σ b K` over the cells. Returns the elastic energy at `x` [J].
+    fn force(&mut self, position: &[[R; 3]], increment: Increment<'_, R>, force: &mut [[R; 3]]) -> f64;
 
-    /// Writes `K` at the last linearisation point into `matrix` (overwriting it) [N/m].
-    fn stiffness(&mut self, matrix: &mut BlockCsr<R>);
+    /// Writes the sum of `(1 + rate (b + damping)) K` over all cells at the last linearisation point into `matrix`
+    /// (overwriting it) [N/m]. `rate` [1/s] is what a unit of displacement changes the velocity by; 0 gives K.
+    fn stiffness(&mut self, rate: R, damping: R, matrix: &mut BlockCsr<R>);
+
+    /// Remembers the history for [`Self::roll_back`], without allocating.
+    fn save(&mut self);
+
+    /// Puts back the history of the last [`Self::save`].
+    fn roll_back(&mut self);
 
     /// What the next [`Self::linearise`] reads besides its argument: one quaternion (x, y, z, w) per cell, or nothing.
     fn history(&self) -> Vec<[R; 4]>;

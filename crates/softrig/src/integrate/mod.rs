@@ -1,4 +1,16 @@
 //! Time integration: one step of `M a + C v + f_int(x) = f_ext` with some nodes prescribed.
+//!
+//! [`Dynamics`] names what to use; [`Implicit`] is the method behind all of it, [`Guarded`] the safety net around it.
+
+mod dynamics;
+mod guard;
+mod implicit;
+mod start;
+
+pub use dynamics::Dynamics;
+pub use guard::Guarded;
+pub use implicit::{Implicit, Scheme};
+pub use start::initial_acceleration;
 
 use crate::body::Body;
 use softrig_linalg::{LinearSolver, Scalar, SolveError};
@@ -36,7 +48,8 @@ pub struct StepInput<'a, R> {
     pub external_force: &'a [[R; 3]],
     /// Step length [s].
     pub dt: f64,
-    /// Relative residual asked of every linear solve [-].
+    /// Residual asked of every linear solve, relative to the right-hand side of the step's first one [-]: what a later
+    /// linearisation has left to correct is smaller, and need not be solved to more digits than the step has.
     pub tolerance: f64,
 }
 
@@ -48,7 +61,7 @@ pub struct StepOutput<R> {
     pub reaction: Vec<[R; 3]>,
     /// Linear iterations of all solves of the step.
     pub iterations: usize,
-    /// Largest true relative residual of its solves [-].
+    /// Largest true residual of its solves, relative to the right-hand side of the first [-].
     pub residual: f64,
     /// Whether every solve reached the tolerance.
     pub converged: bool,

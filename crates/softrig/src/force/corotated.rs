@@ -1,0 +1,239 @@
+//! Corotated linear elasticity of a whole mesh: f_int = Σ R Ke (Rᵀ x − X).
+//!
+//! Implements [Mueller2004] with the rotations of `polar.rs`, tetrahedra of `tet.rs`, hexahedra of `hex.rs`. The stiffness
+//! R Ke Rᵀ leaves out how R turns: positive semidefinite in every shape, and exact at rest. With rotations held at the
+//! identity the same code is linear elasticity.
+
+use super::ForceModel;
+use super::assembly::{Incidence, Increment, Rows, gather_forces};
+use super::hex::{self, HexBlock, HexConstants, HexShape};
+use super::tet::{self, BLOCK, TASK, TetBlock, TetConstants, tet_gradients};
+use crate::material::MaterialMap;
+use crate::mesh::VolumeMesh;
+use rayon::prelude::*;
+use softrig_linalg::{BlockCsr, BlockPattern, Scalar, par, run_wide};
+use std::any::{Any, TypeId};
+use std::collections::HashMap;
+use std::sync::Arc;
+
+/// Rotations of the cells.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Rotations {
+    /// Follow the deformation: corotated elasticity.
+    Follow,
+    /// Stay the identity: linear elasticity, right for small rotations only.
+    Fixed,
+}
+
+/// Corotated (or linear) elasticity on tetrahedra and hexahedra.
+pub struct Corotated<R> {
+    rotations: Rotations,
+    tet_nodes: Vec<[u32; 4]>,
+    tets: Vec<TetBlock<R>>,
+    tet_q: Vec<[[R; BLOCK]; 4]>,
+    hex_nodes: Vec<[u32; 8]>,
+    hexes: Vec<HexBlock<R>>,
+    hex_q: Vec<[[R; BLOCK]; 4]>,
+    shapes: Vec<HexShape<R>>,
+    shape_of: Vec<u32>,
+    // what a linearisation leaves for the assembly
+    warped: Vec<[[R; 4]; 4]>,
+    rotation: Vec<[[R; 4]; 3]>,
+    // scratch of the force
+    tet_force: Vec<[[R; 3]; 4]>,
+    hex_force: Vec<[[R; 3]; 8]>,
+    energy: Vec<R>,
+    // nodes to cells
+    pattern: Arc<BlockPattern>,
+    tet_incidence: Incidence<4>,
+    hex_incidence: Incidence<8>,
+    saved: Vec<[[R; BLOCK]; 4]>,
+}
+
+impl<R: Scalar> Corotated<R> {
+    /// A model of cells that [`crate::body::Body::new`] has checked, with the pattern made from them.
+    fn new(mesh: &VolumeMesh, materials: &MaterialMap, pattern: Arc<BlockPattern>, rotations: Rotations) -> Self {
+        let at = |n: u32| mesh.nodes[n as usize];
+        let tets: Vec<TetConstants> = mesh
+            .tets
+            .iter()
+            .enumerate()
+            .map(|(i, cell)| {
+                let m = materials.get(i);
+                let (gradient, volume) = tet_gradients(cell.map(at));
+                let (lambda, mu) = (m.lambda(), m.shear_modulus());
+                TetConstants { gradient, volume, lambda, mu, damping: m.stiffness_damping }
+            })
+            .collect();
+        let mut shapes = Vec::new();
+        let mut index = HashMap::new();
+        let hexes: Vec<HexConstants> = mesh
+            .hexes
+            .iter()
+            .enumerate()
+            .map(|(i, cell)| {
+                let m = materials.get(mesh.tets.len() + i);
+                let corners = cell.map(at);
+                // cells of equal shape share their stiffness; the list keeps the order of first use
+                let shape = *index.entry(shape_key(corners, m.poisson_ratio)).or_insert_with(|| {
+                    shapes.push(HexShape::new(corners, m.poisson_ratio));
+                    shapes.len() as u32 - 1
+                });
+                HexConstants { shape, scale: m.young_modulus, damping: m.stiffness_damping }
+            })
+            .collect();
+        let identity = [[R::zero(); BLOCK], [R::zero(); BLOCK], [R::zero(); BLOCK], [R::one(); BLOCK]];
+        let nodes = mesh.node_count();
+        let mut model = Self {
+            rotations,
+            tets: tets.chunks(BLOCK).map(TetBlock::new).collect(),
+            tet_q: vec![identity; tets.len().div_ceil(BLOCK)],
+            hexes: hexes.chunks(BLOCK).map(HexBlock::new).collect(),
+            hex_q: vec![identity; hexes.len().div_ceil(BLOCK)],
+            shape_of: hexes.iter().map(|h| h.shape).collect(),
+            shapes,
+            warped: vec![[[R::zero(); 4]; 4]; tets.len()],
+            rotation: vec![[[R::zero(); 4]; 3]; hexes.len()],
+            tet_force: vec![[[R::zero(); 3]; 4]; tets.len()],
+            hex_force: vec![[[R::zero(); 3]; 8]; hexes.len()],
+            energy: vec![R::zero(); mesh.cell_count()],
+            tet_incidence: Incidence::new(nodes, &mesh.tets, &pattern),
+            hex_incidence: Incidence::new(nodes, &mesh.hexes, &pattern),
+            tet_nodes: mesh.tets.clone(),
+            hex_nodes: mesh.hexes.clone(),
+            pattern,
+            saved: Vec::new(),
+        };
+        // the stiffness is that of the rest shape until the first linearisation
+        let rest: Vec<[R; 3]> = mesh.nodes.iter().map(|p| p.map(R::from_f64)).collect();
+        model.linearise(&rest);
+        model.save();
+        model
+    }
+
+    /// Number of distinct hexahedron shapes (shape and Poisson's ratio) that have a stiffness of their own.
+    #[must_use]
+    pub fn shape_count(&self) -> usize {
+        self.shapes.len()
+    }
+}
+
+/// The model behind its trait, for either number. The two are compiled here, once, and not again in every crate that makes a
+/// body: the kernels come in three instruction sets each.
+pub(crate) fn corotated<R: Scalar>(
+    mesh: &VolumeMesh,
+    materials: &MaterialMap,
+    pattern: Arc<BlockPattern>,
+    rotations: Rotations,
+) -> Box<dyn ForceModel<R>> {
+    let model: Box<dyn Any> = if TypeId::of::<R>() == TypeId::of::<f32>() {
+        Box::new(single(mesh, materials, pattern, rotations))
+    } else {
+        Box::new(double(mesh, materials, pattern, rotations))
+    };
+    *model.downcast().expect("a scalar is f32 or f64")
+}
+
+fn single(m: &VolumeMesh, map: &MaterialMap, p: Arc<BlockPattern>, r: Rotations) -> Box<dyn ForceModel<f32>> {
+    Box::new(Corotated::<f32>::new(m, map, p, r))
+}
+
+fn double(m: &VolumeMesh, map: &MaterialMap, p: Arc<BlockPattern>, r: Rotations) -> Box<dyn ForceModel<f64>> {
+    Box::new(Corotated::<f64>::new(m, map, p, r))
+}
+
+/// Equal for cells whose corners lie equally around corner 0, to 1e-11 of their size, and whose Poisson's ratio is the same.
+fn shape_key(corners: [[f64; 3]; 8], poisson_ratio: f64) -> ([[i64; 3]; 8], u64, i32) {
+    let offset = corners.map(|c| std::array::from_fn::<f64, 3, _>(|i| c[i] - corners[0][i]));
+    let size = offset.iter().flatten().fold(0.0f64, |m, c| m.max(c.abs()));
+    let exponent = size.log2().floor() as i32;
+    let quantum = 2f64.powi(exponent - 36);
+    (offset.map(|o| o.map(|c| (c / quantum).round() as i64)), poisson_ratio.to_bits(), exponent)
+}
+
+impl<R: Scalar> ForceModel<R> for Corotated<R> {
+    fn linearise(&mut self, position: &[[R; 3]]) {
+        let rotate = self.rotations == Rotations::Follow;
+        let n = TASK * BLOCK;
+        let tets = self.tets.par_chunks(TASK).zip(self.tet_nodes.par_chunks(n));
+        let out = self.tet_q.par_chunks_mut(TASK).zip(self.warped.par_chunks_mut(n));
+        tets.zip(out).for_each(|((blocks, nodes), (q, warped))| {
+            run_wide::<R, _>(tet::Linearise { blocks, nodes, position, rotate, q, warped });
+        });
+        let hexes = self.hexes.par_chunks(TASK).zip(self.hex_nodes.par_chunks(n));
+        let out = self.hex_q.par_chunks_mut(TASK).zip(self.rotation.par_chunks_mut(n));
+        let shapes = &self.shapes;
+        hexes.zip(out).for_each(|((blocks, nodes), (q, rotation))| {
+            run_wide::<R, _>(hex::Linearise { blocks, shapes, nodes, position, rotate, q, rotation });
+        });
+    }
+
+    fn force(&mut self, position: &[[R; 3]], increment: Increment<'_, R>, force: &mut [[R; 3]]) -> f64 {
+        let rotate = self.rotations == Rotations::Follow;
+        let n = TASK * BLOCK;
+        let (tet_energy, hex_energy) = self.energy.split_at_mut(self.tet_nodes.len());
+        let tets = self.tets.par_chunks(TASK).zip(self.tet_nodes.par_chunks(n)).zip(self.tet_q.par_chunks(TASK));
+        let out = self.tet_force.par_chunks_mut(n).zip(tet_energy.par_chunks_mut(n));
+        tets.zip(out).for_each(|(((blocks, nodes), q), (force, energy))| {
+            run_wide::<R, _>(tet::Force { blocks, nodes, position, increment, q, force, energy });
+        });
+        let hexes = self.hexes.par_chunks(TASK).zip(self.hex_nodes.par_chunks(n)).zip(self.hex_q.par_chunks(TASK));
+        let out = self.hex_force.par_chunks_mut(n).zip(hex_energy.par_chunks_mut(n));
+        let shapes = &self.shapes;
+        hexes.zip(out).for_each(|(((blocks, nodes), q), (force, energy))| {
+            run_wide::<R, _>(hex::Force { blocks, shapes, nodes, position, increment, rotate, q, force, energy });
+        });
+        gather_forces(&self.tet_incidence, &self.tet_force, &self.hex_incidence, &self.hex_force, force);
+        let energy = &self.energy;
+        par::sum(energy.len(), |range| energy[range].iter().map(|e| e.to_f64()).sum())
+    }
+
+    fn stiffness(&mut self, rate: R, damping: R, matrix: &mut BlockCsr<R>) {
+        Rows {
+            pattern: &self.pattern,
+            tets: &self.tet_incidence,
+            warped: &self.warped,
+            hexes: &self.hex_incidence,
+            rotation: &self.rotation,
+            shape_of: &self.shape_of,
+            shapes: &self.shapes,
+            rate,
+            damping,
+        }
+        .write(&mut matrix.values);
+    }
+
+    fn save(&mut self) {
+        self.saved.resize(self.tet_q.len() + self.hex_q.len(), [[R::zero(); BLOCK]; 4]);
+        let (tets, hexes) = self.saved.split_at_mut(self.tet_q.len());
+        tets.copy_from_slice(&self.tet_q);
+        hexes.copy_from_slice(&self.hex_q);
+    }
+
+    fn roll_back(&mut self) {
+        let (tets, hexes) = self.saved.split_at(self.tet_q.len());
+        self.tet_q.copy_from_slice(tets);
+        self.hex_q.copy_from_slice(hexes);
+    }
+
+    fn history(&self) -> Vec<[R; 4]> {
+        let lane = |blocks: &[[[R; BLOCK]; 4]], i: usize| blocks[i / BLOCK].map(|c| c[i % BLOCK]);
+        let tets = (0..self.tet_nodes.len()).map(|i| lane(&self.tet_q, i));
+        tets.chain((0..self.hex_nodes.len()).map(|i| lane(&self.hex_q, i))).collect()
+    }
+
+    fn restore(&mut self, history: &[[R; 4]]) {
+        let (t, h) = (self.tet_nodes.len(), self.hex_nodes.len());
+        let cold = [R::zero(), R::zero(), R::zero(), R::one()];
+        let at = |i: usize| if history.len() == t + h { history[i] } else { cold };
+        // the cells that fill up the last block do as the last cell does
+        for (blocks, first, len) in [(&mut self.tet_q, 0, t), (&mut self.hex_q, t, h)] {
+            for (k, block) in blocks.iter_mut().enumerate() {
+                for l in 0..BLOCK {
+                    let q = at(first + (k * BLOCK + l).min(len - 1));
+                    (0..4).for_each(|c| block[c][l] = q[c]);
+                }
+            }
+        }
+    }
+}

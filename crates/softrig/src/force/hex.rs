@@ -1,0 +1,358 @@
+//! Corotated linear hexahedra: trilinear, stiffness by 8-point quadrature, one rotation per cell.
+//!
+//! The rotation is that of the mean deformation gradient. With g_a = Σ_b Ke_ab u_b, u = Rᵀ x − X, the plain corotated force R g
+//! is not quite the gradient of W = ½ uᵀ Ke u, and leaves a net torque, because R moves with x. The exact gradient is
+//! f_a = R (g_a − b × ḡ_a) with b = (tr(S) I − S)⁻¹ Σ_a (Rᵀ x_a) × g_a and ḡ_a the mean shape gradient; directions in which
+//! tr(S) I − S is nearly singular (the rotation about them is about to jump) are left out.
+//!
+//! Terms: X, x rest and current positions [m]; F = Σ x_a ḡ_aᵀ; S = sym(Rᵀ F); Ke rest stiffness [N/m].
+#![allow(non_snake_case, reason = "symbols of the continuum mechanics literature")]
+
+use super::assembly::Increment;
+use super::polar::{eigen_symmetric, polar, rotation, symmetric};
+use super::tet::{BLOCK, gather, load, store};
+use softrig_linalg::{Kernel, Lane, Mat3, Scalar, Vec3, Wide};
+
+/// Eigenvalues of tr(S) I − S below this are left out of the exact gradient: 2 at rest, 0 where the rotation is undetermined.
+const SINGULAR: f64 = 0.05;
+
+/// Corner signs in VTK order.
+const CORNER: [[f64; 3]; 8] = [
+    [-1.0, -1.0, -1.0],
+    [1.0, -1.0, -1.0],
+    [1.0, 1.0, -1.0],
+    [-1.0, 1.0, -1.0],
+    [-1.0, -1.0, 1.0],
+    [1.0, -1.0, 1.0],
+    [1.0, 1.0, 1.0],
+    [-1.0, 1.0, 1.0],
+];
+
+/// One point of a quadrature over a cell.
+#[derive(Clone, Debug)]
+pub struct QuadraturePoint {
+    /// Volume that belongs to the point [m3].
+    pub volume: f64,
+    /// Value of each node's shape function [-].
+    pub value: [f64; 8],
+    /// Gradient of each node's shape function [1/m].
+    pub gradient: [[f64; 3]; 8],
+}
+
+/// The 2x2x2 Gauss points of a hexahedron, nodes in VTK order. A volume is not positive where the cell is folded.
+#[must_use]
+pub fn hex_points(X: [[f64; 3]; 8]) -> [QuadraturePoint; 8] {
+    let at = 1.0 / 3f64.sqrt();
+    CORNER.map(|p| {
+        let s = p.map(|c| c * at);
+        let term = |a: usize, k: usize| 1.0 + CORNER[a][k] * s[k];
+        let value = std::array::from_fn(|a| term(a, 0) * term(a, 1) * term(a, 2) / 8.0);
+        let local: [[f64; 3]; 8] = std::array::from_fn(|a| {
+            let [x, y, z] = [term(a, 0), term(a, 1), term(a, 2)];
+            [CORNER[a][0] * y * z / 8.0, CORNER[a][1] * x * z / 8.0, CORNER[a][2] * x * y / 8.0]
+        });
+        let mut J = Mat3::<f64>::zero();
+        for a in 0..8 {
+            J += (Vec3(X[a]) - Vec3(X[0])).outer(Vec3(local[a]));
+        }
+        let inverse = J.inverse();
+        QuadraturePoint { volume: J.determinant(), value, gradient: local.map(|d| inverse.transpose_mul(Vec3(d)).0) }
+    })
+}
+
+/// Stiffness of a hexahedron in its rest shape [N/m], `[a][b]` one 3x3 block, for the given Lamé constants [Pa].
+#[must_use]
+pub fn hex_stiffness(X: [[f64; 3]; 8], lambda: f64, mu: f64) -> [[[[f64; 3]; 3]; 8]; 8] {
+    let mut K = [[[[0.0; 3]; 3]; 8]; 8];
+    for p in hex_points(X) {
+        for a in 0..8 {
+            for b in 0..8 {
+                let (ga, gb) = (Vec3(p.gradient[a]), Vec3(p.gradient[b]));
+                let k = ga.outer(gb).scale(lambda) + gb.outer(ga).scale(mu) + Mat3::diagonal(mu * ga.dot(gb));
+                for i in 0..3 {
+                    for j in 0..3 {
+                        K[a][b][i][j] += p.volume * k.0[i][j];
+                    }
+                }
+            }
+        }
+    }
+    K
+}
+
+/// One rest shape with its stiffness for a Young's modulus of 1 Pa: shared by all cells alike.
+#[derive(Clone, Debug)]
+pub(super) struct HexShape<R> {
+    /// Ke_ab / E [m]. (A vector of rows, so that the compiler leaves the loop over them a loop.)
+    pub stiffness: Vec<[[[R; 3]; 3]; 8]>,
+    /// ḡ_a [1/m].
+    pub gradient: [[R; 3]; 8],
+    /// X_a − X_0 [m].
+    pub offset: [[R; 3]; 8],
+}
+
+impl<R: Scalar> HexShape<R> {
+    pub(super) fn new(X: [[f64; 3]; 8], poisson_ratio: f64) -> Self {
+        let lambda = poisson_ratio / ((1.0 + poisson_ratio) * (1.0 - 2.0 * poisson_ratio));
+        let mu = 0.5 / (1.0 + poisson_ratio);
+        let cast = |m: [f64; 3]| m.map(R::from_f64);
+        let points = hex_points(X);
+        let volume: f64 = points.iter().map(|p| p.volume).sum();
+        let mean = std::array::from_fn(|a| {
+            std::array::from_fn(|i| {
+                R::from_f64(points.iter().map(|p| p.gradient[a][i] * p.volume).sum::<f64>() / volume)
+            })
+        });
+        Self {
+            stiffness: hex_stiffness(X, lambda, mu).iter().map(|row| row.map(|k| k.map(cast))).collect(),
+            gradient: mean,
+            offset: std::array::from_fn(|a| cast(std::array::from_fn(|i| X[a][i] - X[0][i]))),
+        }
+    }
+}
+
+/// Factors of [`BLOCK`] hexahedra. The last block repeats its last cell.
+#[derive(Clone, Debug)]
+pub(super) struct HexBlock<R> {
+    shape: [u32; BLOCK],
+    /// E [Pa].
+    scale: [R; BLOCK],
+    /// b [s].
+    damping: [R; BLOCK],
+}
+
+/// What one hexahedron brings to the block.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct HexConstants {
+    pub shape: u32,
+    pub scale: f64,
+    pub damping: f64,
+}
+
+impl<R: Scalar> HexBlock<R> {
+    pub(super) fn new(cells: &[HexConstants]) -> Self {
+        let at = |l: usize| &cells[l.min(cells.len() - 1)];
+        Self {
+            shape: std::array::from_fn(|l| at(l).shape),
+            scale: std::array::from_fn(|l| R::from_f64(at(l).scale)),
+            damping: std::array::from_fn(|l| R::from_f64(at(l).damping)),
+        }
+    }
+
+    #[inline(always)]
+    fn same(&self, first: usize, width: usize) -> bool {
+        (1..width).all(|i| self.shape[first + i] == self.shape[first])
+    }
+}
+
+/// Positions relative to corner 0, so that f32 is not spent on the distance to the origin.
+#[inline(always)]
+fn corners<R: Scalar, const W: usize>(from: &[[R; 3]], nodes: &[[u32; 8]], first: usize) -> [Vec3<Wide<R, W>>; 8] {
+    let x0 = gather::<R, W, 8>(from, nodes, first, 0);
+    std::array::from_fn(|a| gather::<R, W, 8>(from, nodes, first, a) - x0)
+}
+
+#[inline(always)]
+fn mean_gradient<S: Lane>(shape: &HexShape<S::Scalar>, x: &[Vec3<S>; 8]) -> Mat3<S> {
+    let mut F = Mat3::zero();
+    for a in 1..8 {
+        F += x[a].outer(Vec3::splat(shape.gradient[a]));
+    }
+    F
+}
+
+/// Rotations of a task's cells, and the columns of R for the assembly, E and b in their fourth places.
+pub(super) struct Linearise<'a, R> {
+    pub blocks: &'a [HexBlock<R>],
+    pub shapes: &'a [HexShape<R>],
+    pub nodes: &'a [[u32; 8]],
+    pub position: &'a [[R; 3]],
+    /// False for linear elasticity: rotations stay as they are.
+    pub rotate: bool,
+    pub q: &'a mut [[[R; BLOCK]; 4]],
+    pub rotation: &'a mut [[[R; 4]; 3]],
+}
+
+impl<R: Scalar> Kernel for Linearise<'_, R> {
+    type Output = ();
+    #[inline(always)]
+    fn run<const W: usize>(mut self) {
+        for k in 0..self.blocks.len() {
+            for first in (0..BLOCK).step_by(W) {
+                if k * BLOCK + first >= self.nodes.len() {
+                    break;
+                }
+                // cells of different shapes are done one by one
+                if self.blocks[k].same(first, W) {
+                    self.cells::<W>(k, first);
+                } else {
+                    (0..W).for_each(|l| self.cells::<1>(k, first + l));
+                }
+            }
+        }
+    }
+}
+
+impl<R: Scalar> Linearise<'_, R> {
+    #[inline(always)]
+    fn cells<const W: usize>(&mut self, k: usize, first: usize) {
+        let block = &self.blocks[k];
+        let cell = k * BLOCK + first;
+        let mut q = std::array::from_fn(|c| load::<R, W>(&self.q[k][c], first));
+        if self.rotate {
+            let x = corners::<R, W>(self.position, self.nodes, cell);
+            q = polar(mean_gradient(&self.shapes[block.shape[first] as usize], &x), q);
+            for c in 0..4 {
+                store(&mut self.q[k][c], first, q[c]);
+            }
+        }
+        let r = rotation(q).0;
+        for (i, out) in self.rotation.iter_mut().skip(cell).take(W).enumerate() {
+            let fourth = [block.scale[first + i], block.damping[first + i], R::zero()];
+            for j in 0..3 {
+                out[j] = [r[0][j].0[i], r[1][j].0[i], r[2][j].0[i], fourth[j]];
+            }
+        }
+    }
+}
+
+/// Forces of a task's cells on their corners, and their energies.
+pub(super) struct Force<'a, R> {
+    pub blocks: &'a [HexBlock<R>],
+    pub shapes: &'a [HexShape<R>],
+    pub nodes: &'a [[u32; 8]],
+    pub position: &'a [[R; 3]],
+    pub increment: Increment<'a, R>,
+    pub rotate: bool,
+    pub q: &'a [[[R; BLOCK]; 4]],
+    pub force: &'a mut [[[R; 3]; 8]],
+    pub energy: &'a mut [R],
+}
+
+impl<R: Scalar> Kernel for Force<'_, R> {
+    type Output = ();
+    #[inline(always)]
+    fn run<const W: usize>(mut self) {
+        for k in 0..self.blocks.len() {
+            for first in (0..BLOCK).step_by(W) {
+                if k * BLOCK + first >= self.nodes.len() {
+                    break;
+                }
+                if self.blocks[k].same(first, W) {
+                    self.cells::<W>(k, first);
+                } else {
+                    (0..W).for_each(|l| self.cells::<1>(k, first + l));
+                }
+            }
+        }
+    }
+}
+
+impl<R: Scalar> Force<'_, R> {
+    #[inline(always)]
+    fn cells<const W: usize>(&mut self, k: usize, first: usize) {
+        let block = &self.blocks[k];
+        let shape = &self.shapes[block.shape[first] as usize];
+        let cell = k * BLOCK + first;
+        let rot = rotation(std::array::from_fn(|c| load::<R, W>(&self.q[k][c], first)));
+        let scale = load::<R, W>(&block.scale, first);
+        // positions in the cell's own frame
+        let x = corners::<R, W>(self.position, self.nodes, cell).map(|x| rot.transpose_mul(x));
+        let u = std::array::from_fn(|a| x[a] - Vec3::splat(shape.offset[a]));
+        let mut g = apply(shape, &u);
+        let mut energy = Wide([R::zero(); W]);
+        for a in 1..8 {
+            energy += u[a].dot(g[a]);
+        }
+        if self.rotate {
+            correct(shape, &x, &mut g);
+        }
+        if self.increment.displacement.is_some() || self.increment.velocity.is_some() {
+            let mut y = [Vec3::zero(); 8];
+            if let Some(d) = self.increment.displacement {
+                y = corners::<R, W>(d, self.nodes, cell);
+            }
+            if let Some(v) = self.increment.velocity {
+                let b = load::<R, W>(&block.damping, first) + Wide::splat(self.increment.damping);
+                let v = corners::<R, W>(v, self.nodes, cell);
+                for a in 1..8 {
+                    y[a] += v[a].scale(b);
+                }
+            }
+            let added = apply(shape, &y.map(|y| rot.transpose_mul(y)));
+            for a in 0..8 {
+                g[a] += added[a];
+            }
+        }
+        let f = g.map(|g| (rot * g).scale(scale));
+        for (i, out) in self.force.iter_mut().skip(cell).take(W).enumerate() {
+            for a in 0..8 {
+                out[a] = [f[a].0[0].0[i], f[a].0[1].0[i], f[a].0[2].0[i]];
+            }
+        }
+        let energy = energy * scale * Wide::constant(0.5);
+        for (i, out) in self.energy.iter_mut().skip(cell).take(W).enumerate() {
+            *out = energy.0[i];
+        }
+    }
+}
+
+/// g_a = Σ_b Ke_ab u_b.
+#[inline(always)]
+fn apply<S: Lane>(shape: &HexShape<S::Scalar>, u: &[Vec3<S>; 8]) -> [Vec3<S>; 8] {
+    let mut g = [Vec3::zero(); 8];
+    for (g, row) in g.iter_mut().zip(&shape.stiffness) {
+        // u_0 = 0
+        for b in 1..8 {
+            *g += Mat3::splat(row[b]) * u[b];
+        }
+    }
+    g
+}
+
+/// Takes off what the turning of R adds: g_a −= b × ḡ_a.
+#[inline(always)]
+fn correct<S: Lane>(shape: &HexShape<S::Scalar>, x: &[Vec3<S>; 8], g: &mut [Vec3<S>; 8]) {
+    let mut T = Vec3::zero();
+    for a in 1..8 {
+        T += x[a].cross(g[a]);
+    }
+    // x is in the cell's frame already, so this is Rᵀ F
+    let S = symmetric(mean_gradient(shape, x));
+    let G = Mat3::diagonal(S.trace()) - S;
+    let C = G.cofactors();
+    let mut b = (C * T).scale(S::one() / G.row(0).dot(C.row(0)));
+    // are all eigenvalues of G above the limit?
+    let H = G - Mat3::diagonal(S::constant(SINGULAR));
+    let minor = H.0[0][0] * H.0[1][1] - H.0[0][1] * H.0[1][0];
+    let smallest = H.0[0][0].min(minor).min(H.determinant());
+    let regular = S::select_lt(S::zero(), smallest, S::select_lt(S::zero(), H.0[0][0], S::one(), S::zero()), S::zero());
+    let mut all = true;
+    for lane in 0..S::WIDTH {
+        all &= regular.get(lane) > S::Scalar::zero();
+    }
+    if !all {
+        leave_out(&G, &T, &regular, &mut b);
+    }
+    for a in 0..8 {
+        g[a] -= b.cross(Vec3::splat(shape.gradient[a]));
+    }
+}
+
+/// b = G⁻¹ T on the eigenvectors of G that are well above zero, for the lanes that are not `regular`.
+#[cold]
+#[inline(never)]
+fn leave_out<S: Lane>(G: &Mat3<S>, T: &Vec3<S>, regular: &S, b: &mut Vec3<S>) {
+    for lane in (0..S::WIDTH).filter(|l| regular.get(*l) == S::Scalar::zero()) {
+        let (values, vectors) = eigen_symmetric(Mat3(G.0.map(|r| r.map(|x| x.get(lane).to_f64()))));
+        let t = Vec3(T.0.map(|x| x.get(lane).to_f64()));
+        let mut sum = Vec3::zero();
+        for i in (0..3).filter(|i| values[*i] > SINGULAR) {
+            let v = vectors.column(i);
+            sum += v.scale(v.dot(t) / values[i]);
+        }
+        for c in 0..3 {
+            b.0[c].set(lane, S::Scalar::from_f64(sum.0[c]));
+        }
+    }
+}

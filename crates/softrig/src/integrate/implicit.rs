@@ -1,0 +1,367 @@
+//! Implicit one-step schemes in displacement form: Newmark and implicit Euler are one routine with different constants.
+//!
+//! The unknown is d = x' − x. Velocity and acceleration at the end of the step are linear in it,
+//!   v' = vd d + vv v + va a,   a' = ad d + av v + aa a,
+//! so that each linearisation solves  (K + vd C + ad M) d = f_ext − f_int − C v' − M a'  for the correction of d, with
+//! C = a M + b K. Later linearisations take their rotations at x + d [Newmark1959; Georgii2010 §3].
+//!
+//! Prescribed nodes are given d = target − x, v' = target velocity and a' = 0. The formulas above would make them ring:
+//! v' = 2 V, 0, 2 V, 0 for a bone at constant speed V, and an acceleration that grows with every step.
+#![allow(non_snake_case, reason = "symbols of the time integration literature")]
+
+use super::{Integrator, State, StepError, StepInput, StepOutput};
+use crate::body::Body;
+use crate::force::Increment;
+use softrig_linalg::{BlockCsr, BlockPattern, DofConstraints, LinearSolver, Scalar};
+use std::sync::Arc;
+
+/// A time integration scheme.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Scheme {
+    /// Newmark's family [Newmark1959]. beta 1/4, gamma 1/2 is second order and keeps the energy of a linear body; a gamma
+    /// above 1/2 damps, and wants beta = (gamma + 1/2)² / 4.
+    Newmark {
+        /// Weight of the new acceleration in the position [-].
+        beta: f64,
+        /// Weight of the new acceleration in the velocity [-].
+        gamma: f64,
+    },
+    /// Implicit Euler: first order, damps strongly, never unstable.
+    ImplicitEuler,
+}
+
+/// v' = vd d + vv v + va a and a' = ad d + av v + aa a.
+#[derive(Clone, Copy, Debug)]
+struct Constants {
+    vd: f64,
+    vv: f64,
+    va: f64,
+    ad: f64,
+    av: f64,
+    aa: f64,
+}
+
+impl Scheme {
+    fn constants(self, h: f64) -> Constants {
+        match self {
+            Self::Newmark { beta, gamma } => Constants {
+                vd: gamma / (beta * h),
+                vv: 1.0 - gamma / beta,
+                va: h * (1.0 - gamma / (2.0 * beta)),
+                ad: 1.0 / (beta * h * h),
+                av: -1.0 / (beta * h),
+                aa: 1.0 - 1.0 / (2.0 * beta),
+            },
+            Self::ImplicitEuler => {
+                Constants { vd: 1.0 / h, vv: 0.0, va: 0.0, ad: 1.0 / (h * h), av: -1.0 / h, aa: 0.0 }
+            }
+        }
+    }
+}
+
+/// One step by a [`Scheme`] with a number of linearisations. Owns the scratch memory of the step and nothing that matters to
+/// the next one.
+pub struct Implicit<R> {
+    /// The scheme.
+    pub scheme: Scheme,
+    /// How often stiffness and rotations are computed anew in a step; at least 1.
+    pub linearisations: usize,
+    matrix: Option<BlockCsr<R>>,
+    prepared: Option<Prepared>,
+    d: Vec<[R; 3]>,
+    x: Vec<[R; 3]>,
+    v: Vec<[R; 3]>,
+    a: Vec<[R; 3]>,
+    force: Vec<[R; 3]>,
+    inertia: Vec<[R; 3]>,
+    rhs: Vec<[R; 3]>,
+    correction: Vec<[R; 3]>,
+}
+
+/// What the solver's symbolic work was done for.
+struct Prepared {
+    pattern: Arc<BlockPattern>,
+    constraints: DofConstraints,
+    solver: usize,
+}
+
+impl<R: Scalar> Implicit<R> {
+    /// A scheme with its number of linearisations per step (at least one is done).
+    #[must_use]
+    pub fn new(scheme: Scheme, linearisations: usize) -> Self {
+        Self {
+            scheme,
+            linearisations,
+            matrix: None,
+            prepared: None,
+            d: Vec::new(),
+            x: Vec::new(),
+            v: Vec::new(),
+            a: Vec::new(),
+            force: Vec::new(),
+            inertia: Vec::new(),
+            rhs: Vec::new(),
+            correction: Vec::new(),
+        }
+    }
+
+    fn prepare(&mut self, body: &Body<R>, solver: &mut dyn LinearSolver<R>, time: f64) -> Result<(), StepError> {
+        let n = body.mass.len();
+        let scratch = [&mut self.d, &mut self.x, &mut self.v, &mut self.a, &mut self.force, &mut self.inertia];
+        for v in scratch.into_iter().chain([&mut self.rhs, &mut self.correction]) {
+            v.resize(n, [R::zero(); 3]);
+        }
+        if !self.matrix.as_ref().is_some_and(|m| Arc::ptr_eq(&m.pattern, &body.pattern)) {
+            self.matrix = Some(BlockCsr::zero(body.pattern.clone()));
+        }
+        // a solver is told apart by its address: exchanging it between steps must not leave it unprepared
+        let address = std::ptr::from_mut(solver).cast::<()>() as usize;
+        let known = self.prepared.as_ref().is_some_and(|p| {
+            Arc::ptr_eq(&p.pattern, &body.pattern) && p.constraints == body.constraints && p.solver == address
+        });
+        if !known {
+            self.prepared = None;
+            solver.prepare(&body.pattern, &body.constraints).map_err(|source| StepError::Solve { time, source })?;
+            let (pattern, constraints) = (body.pattern.clone(), body.constraints.clone());
+            self.prepared = Some(Prepared { pattern, constraints, solver: address });
+        }
+        Ok(())
+    }
+
+    /// Velocity and acceleration at the end of the step from d.
+    fn kinematics(&mut self, body: &Body<R>, c: &Constants, input: &StepInput<'_, R>, state: &State<R>) {
+        let [vd, vv, va, ad, av, aa] = [c.vd, c.vv, c.va, c.ad, c.av, c.aa].map(R::from_f64);
+        for i in 0..self.d.len() {
+            if body.constraints.is_constrained(i) {
+                self.v[i] = if held(body, i) { [R::zero(); 3] } else { input.target_velocity[i] };
+                self.a[i] = [R::zero(); 3];
+                continue;
+            }
+            let (d, v, a) = (self.d[i], state.velocity[i], state.acceleration[i]);
+            for k in 0..3 {
+                self.v[i][k] = vd * d[k] + vv * v[k] + va * a[k];
+                self.a[i][k] = ad * d[k] + av * v[k] + aa * a[k];
+            }
+        }
+    }
+
+    /// r = f_ext − f − M a' − a M v' on free nodes, zero on the others; `self.force` holds f = f_int + K d + b K v'.
+    /// Returns |r|.
+    fn residual(&mut self, body: &Body<R>, input: &StepInput<'_, R>) -> f64 {
+        match &body.consistent_mass {
+            Some(m) => multiply(m, &self.a, &mut self.inertia),
+            None => {
+                for i in 0..self.a.len() {
+                    self.inertia[i] = self.a[i].map(|a| a * body.mass[i]);
+                }
+            }
+        }
+        let mut square = 0.0;
+        for i in 0..self.rhs.len() {
+            self.rhs[i] = [R::zero(); 3];
+            if !body.constraints.is_constrained(i) {
+                let drag = body.drag[i] + body.mass_damping * body.mass[i];
+                for k in 0..3 {
+                    let r = input.external_force[i][k] - self.force[i][k] - self.inertia[i][k] - drag * self.v[i][k];
+                    self.rhs[i][k] = r;
+                    square += r.to_f64() * r.to_f64();
+                }
+            }
+        }
+        square.sqrt()
+    }
+
+    /// K + vd C + ad M.
+    fn assemble(&mut self, body: &mut Body<R>, c: &Constants) {
+        let matrix = self.matrix.as_mut().expect("prepare made it");
+        let (vd, ad) = (R::from_f64(c.vd), R::from_f64(c.ad));
+        body.model.stiffness(vd, body.stiffness_damping, matrix);
+        if let Some(m) = &body.consistent_mass {
+            for (to, from) in matrix.values.iter_mut().zip(&m.values) {
+                (0..9).for_each(|k| to[k] += from[k] * ad);
+            }
+        }
+        for (i, &at) in body.pattern.diagonal().iter().enumerate() {
+            let mut m = vd * (body.drag[i] + body.mass_damping * body.mass[i]);
+            if body.consistent_mass.is_none() {
+                m += ad * body.mass[i];
+            }
+            (0..3).for_each(|k| matrix.values[at as usize][4 * k] += m);
+        }
+    }
+
+    fn attempt(
+        &mut self,
+        body: &mut Body<R>,
+        solver: &mut dyn LinearSolver<R>,
+        input: &StepInput<'_, R>,
+        state: &State<R>,
+        output: &mut StepOutput<R>,
+    ) -> Result<(), StepError> {
+        let time = state.time;
+        let c = self.scheme.constants(input.dt);
+        let n = state.position.len();
+        for i in 0..n {
+            self.d[i] = [R::zero(); 3];
+            if body.constraints.is_constrained(i) && !held(body, i) {
+                self.d[i] = std::array::from_fn(|k| input.target_position[i][k] - state.position[i][k]);
+            }
+            self.x[i] = state.position[i];
+        }
+        (output.iterations, output.residual, output.converged) = (0, 0.0, true);
+        let mut first = 0.0;
+        for linearisation in 0..self.linearisations.max(1) {
+            self.kinematics(body, &c, input, state);
+            body.model.linearise(&self.x);
+            // f_int + K d + b K v'; d counts only while x does not contain it, and then only prescribed nodes have one
+            let displacement = (linearisation == 0).then_some(&self.d[..]);
+            let increment = Increment { displacement, velocity: Some(&self.v), damping: body.stiffness_damping };
+            body.model.force(&self.x, increment, &mut self.force);
+            let norm = self.residual(body, input);
+            if linearisation == 0 {
+                first = norm;
+            }
+            // relative to the first right-hand side, but never looser than half a digit
+            let ratio = if norm > 0.0 && norm < first { first / norm } else { 1.0 };
+            let tolerance = (input.tolerance * ratio).min(input.tolerance.max(0.3));
+            self.correction.fill([R::zero(); 3]);
+            self.assemble(body, &c);
+            let matrix = self.matrix.as_ref().expect("prepare made it");
+            let report = solver
+                .solve(matrix, &self.rhs, &mut self.correction, tolerance)
+                .map_err(|source| StepError::Solve { time, source })?;
+            output.iterations += report.iterations;
+            output.residual = output.residual.max(report.residual / ratio);
+            output.converged &= report.converged;
+            for i in 0..n {
+                if !body.constraints.is_constrained(i) {
+                    (0..3).for_each(|k| self.d[i][k] += self.correction[i][k]);
+                }
+                if !held(body, i) {
+                    self.x[i] = std::array::from_fn(|k| state.position[i][k] + self.d[i][k]);
+                }
+            }
+        }
+        // prescribed nodes are exactly where they were asked to be
+        for i in 0..n {
+            if body.constraints.is_constrained(i) && !held(body, i) {
+                self.x[i] = input.target_position[i];
+            }
+        }
+        self.kinematics(body, &c, input, state);
+        finite("position", time, &self.x)?;
+        finite("velocity", time, &self.v)?;
+        // holding force and energies with fresh rotations
+        body.model.linearise(&self.x);
+        output.elastic_energy = body.model.force(&self.x, Increment::none(), &mut self.force);
+        output.reaction.resize(n, [R::zero(); 3]);
+        output.kinetic_energy = 0.0;
+        for i in 0..n {
+            let on = body.constraints.is_constrained(i);
+            output.reaction[i] = if on { self.force[i] } else { [R::zero(); 3] };
+            let v = self.v[i].map(|v| v.to_f64());
+            output.kinetic_energy += 0.5 * body.mass[i].to_f64() * (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+        }
+        Ok(())
+    }
+}
+
+impl<R: Scalar> Integrator<R> for Implicit<R> {
+    fn name(&self) -> &'static str {
+        match self.scheme {
+            Scheme::Newmark { .. } => "newmark",
+            Scheme::ImplicitEuler => "implicit-euler",
+        }
+    }
+
+    fn step(
+        &mut self,
+        body: &mut Body<R>,
+        solver: &mut dyn LinearSolver<R>,
+        input: &StepInput<'_, R>,
+        state: &mut State<R>,
+        output: &mut StepOutput<R>,
+    ) -> Result<(), StepError> {
+        check(body, self.scheme, input, state)?;
+        self.prepare(body, solver, state.time)?;
+        body.model.save();
+        output.guarded = false;
+        if let Err(e) = self.attempt(body, solver, input, state, output) {
+            body.model.roll_back();
+            return Err(e);
+        }
+        std::mem::swap(&mut state.position, &mut self.x);
+        std::mem::swap(&mut state.velocity, &mut self.v);
+        std::mem::swap(&mut state.acceleration, &mut self.a);
+        state.time += input.dt;
+        Ok(())
+    }
+}
+
+/// A node without a cell: it has nothing to move it and stays.
+fn held<R: Scalar>(body: &Body<R>, i: usize) -> bool {
+    body.mass[i] == R::zero()
+}
+
+fn check<R: Scalar>(
+    body: &Body<R>,
+    scheme: Scheme,
+    input: &StepInput<'_, R>,
+    state: &State<R>,
+) -> Result<(), StepError> {
+    let n = body.mass.len();
+    let lengths = [
+        ("positions", state.position.len()),
+        ("velocities", state.velocity.len()),
+        ("accelerations", state.acceleration.len()),
+        ("target positions", input.target_position.len()),
+        ("target velocities", input.target_velocity.len()),
+        ("external forces", input.external_force.len()),
+    ];
+    if let Some((what, found)) = lengths.into_iter().find(|(_, len)| *len != n) {
+        return Err(StepError::Unsupported(format!("{found} {what} for a body of {n} nodes; give one per node")));
+    }
+    if !(input.dt > 0.0 && input.dt.is_finite()) {
+        return Err(StepError::Unsupported(format!("a time step of {} s; it must be positive", input.dt)));
+    }
+    if !(input.tolerance > 0.0 && input.tolerance < 1.0) {
+        let t = input.tolerance;
+        return Err(StepError::Unsupported(format!("a solver tolerance of {t}; it must be between 0 and 1")));
+    }
+    if let Scheme::Newmark { beta, gamma } = scheme
+        && !(beta > 0.0 && beta <= 10.0 && (0.0..=10.0).contains(&gamma))
+    {
+        return Err(StepError::Unsupported(format!("Newmark with beta {beta}, gamma {gamma}; use 0.25 and 0.5")));
+    }
+    finite("position", state.time, &state.position)?;
+    finite("velocity", state.time, &state.velocity)?;
+    finite("acceleration", state.time, &state.acceleration)?;
+    finite("external force", state.time, input.external_force)?;
+    for i in (0..n).filter(|i| body.constraints.is_constrained(*i) && !held(body, *i)) {
+        for (what, v) in [("target position", input.target_position[i]), ("target velocity", input.target_velocity[i])]
+        {
+            if !v.iter().all(|c| c.is_finite()) {
+                return Err(StepError::NotFinite { time: state.time, what, node: i });
+            }
+        }
+    }
+    Ok(())
+}
+
+pub(super) fn finite<R: Scalar>(what: &'static str, time: f64, v: &[[R; 3]]) -> Result<(), StepError> {
+    match v.iter().position(|v| !v.iter().all(|c| c.is_finite())) {
+        Some(node) => Err(StepError::NotFinite { time, what, node }),
+        None => Ok(()),
+    }
+}
+
+/// y = A x on all nodes.
+fn multiply<R: Scalar>(A: &BlockCsr<R>, x: &[[R; 3]], y: &mut [[R; 3]]) {
+    for (i, y) in y.iter_mut().enumerate() {
+        *y = [R::zero(); 3];
+        for k in A.pattern.row(i) {
+            let (m, x) = (&A.values[k], x[A.pattern.column()[k] as usize]);
+            (0..3).for_each(|r| y[r] += m[3 * r] * x[0] + m[3 * r + 1] * x[1] + m[3 * r + 2] * x[2]);
+        }
+    }
+}
