@@ -6,6 +6,7 @@ mod bad;
 mod bvh;
 mod export;
 mod gltf;
+mod gltf_made;
 mod gltf_reference;
 mod journal;
 mod made;
