@@ -9,12 +9,12 @@ pub mod gltf;
 pub mod journal;
 pub mod surface;
 pub mod units;
+pub mod volume;
 
 mod error;
 mod import;
 mod names;
 mod source;
-#[allow(dead_code, reason = "the volume readers use the rest")]
 mod text;
 
 pub use error::{ImportError, Place};

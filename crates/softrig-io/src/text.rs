@@ -41,11 +41,6 @@ impl<'a> Words<'a> {
         self.line
     }
 
-    /// Next byte's place in the file.
-    pub fn position(&self) -> usize {
-        self.at
-    }
-
     pub fn remaining(&self) -> usize {
         self.bytes.len() - self.at
     }
@@ -163,6 +158,15 @@ impl<'a> Words<'a> {
             self.line += 1;
         }
         rest[..len].trim_ascii()
+    }
+
+    /// Steps to behind the next `needle`.
+    pub fn skip_past(&mut self, needle: &[u8]) -> Result<(), ImportError> {
+        let rest = &self.bytes[self.at..];
+        match rest.windows(needle.len()).position(|w| w == needle) {
+            Some(i) => self.raw(i + needle.len(), "a section").map(|_| ()),
+            None => Err(self.ends_early(&format!("`{}`", shown(needle)))),
+        }
     }
 
     /// The next `n` raw bytes.

@@ -1,6 +1,7 @@
 //! Input that is ugly, broken or cut short: every file works or is refused with one clear message.
 
 use crate::shared::{data, files};
+use softrig_io::volume::{self, VolumeFormat};
 use softrig_io::{ImportError, ImportOptions, import};
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -70,6 +71,43 @@ fn every_bad_surface_works_or_is_refused_as_the_table_says() {
     assert_eq!(found.len(), SURFACES.len(), "{found:?}");
 }
 
+const VOLUMES: [(&str, Outcome); 2] = [
+    // six tetrahedra, one of them inside out: reading does not judge shapes
+    ("6_tetra_bad.msh", Works),
+    ("Armadillo_Tetra_4406_broken.vtu", Refused("the piece says 1445 points, but has 4338 coordinates")),
+];
+
+#[test]
+fn every_bad_volume_works_or_is_refused_as_the_table_says() {
+    let Some(folder) = data() else { return };
+    let folder = folder.join("bad");
+    for (name, expected) in &VOLUMES {
+        let path = folder.join(name);
+        check(&path, expected, volume::read(&path).map(|_| ()));
+    }
+    let found = files(&folder, &["node", "ele", "msh", "mesh", "veg", "vtk", "vtu"]);
+    assert_eq!(found.len(), VOLUMES.len(), "{found:?}");
+}
+
+#[test]
+fn volumes_cut_anywhere_end_in_a_value_or_an_error() {
+    let Some(folder) = data() else { return };
+    for path in files(&folder.join("volumes"), &["node", "ele", "msh", "mesh", "veg", "vtk", "vtu"]) {
+        // what it includes or belongs to stays whole
+        let mut beside = |name: &str| {
+            let file = path.with_file_name(name);
+            std::fs::read(&file).map_err(|source| ImportError::Io { file, source })
+        };
+        let format = VolumeFormat::of(&path).unwrap();
+        let mut refused = 0;
+        cut(&path, |bytes| match volume::from_bytes(bytes, &path, format, &mut beside) {
+            Ok(mesh) => assert!(mesh.cells().flatten().all(|n| (*n as usize) < mesh.node_count())),
+            Err(_) => refused += 1,
+        });
+        assert!(refused > 0, "{}: nothing was cut", path.display());
+    }
+}
+
 #[test]
 fn every_bad_gltf_works_or_is_refused_as_the_table_says() {
     let Some(folder) = data() else { return };
@@ -95,7 +133,7 @@ fn what_was_left_out_is_said() {
 }
 
 /// Runs `read` on 200 evenly spaced prefixes of a file: each ends in a value or an error, none takes more than 2 s.
-pub fn cut(path: &Path, read: impl Fn(&[u8])) {
+pub fn cut(path: &Path, mut read: impl FnMut(&[u8])) {
     let bytes = std::fs::read(path).unwrap();
     for k in 0..200 {
         let start = Instant::now();

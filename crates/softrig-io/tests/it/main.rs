@@ -12,3 +12,4 @@ mod journal;
 mod made;
 mod shared;
 mod surface;
+mod volume;
