@@ -84,3 +84,27 @@ pub(crate) fn invertible(j: &DMat3) -> bool {
     let size = j.x_axis.length().max(j.y_axis.length()).max(j.z_axis.length());
     j.determinant().abs() > 1e-12 * size.powi(3)
 }
+
+/// Six times the signed volume of a tetrahedron.
+pub(crate) fn tet_volume6(x: &[DVec3; 4]) -> f64 {
+    (x[1] - x[0]).cross(x[2] - x[0]).dot(x[3] - x[0])
+}
+
+/// Determinant of the Jacobian in the middle of a hexahedron: its volume, but for the part that is quadratic in its distortion.
+pub(crate) fn hex_centre_volume(x: &[DVec3; 8]) -> f64 {
+    hex_jacobian(x, DVec3::splat(0.5)).determinant()
+}
+
+/// Volume of a hexahedron, by 2x2x2 points.
+pub(crate) fn hex_volume(x: &[DVec3; 8]) -> f64 {
+    hex_point_volumes(x).iter().sum()
+}
+
+/// The parts of a hexahedron's volume at its 2x2x2 integration points.
+pub(crate) fn hex_point_volumes(x: &[DVec3; 8]) -> [f64; 8] {
+    let (a, b) = (0.5 - 0.5 / 3f64.sqrt(), 0.5 + 0.5 / 3f64.sqrt());
+    CORNERS.map(|s| {
+        let c = DVec3::from(s.map(|s| if s == 1.0 { b } else { a }));
+        hex_jacobian(x, c).determinant() / 8.0
+    })
+}

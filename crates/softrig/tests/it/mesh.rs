@@ -1,8 +1,9 @@
 //! Voxel bodies around surfaces with known volumes and around real, ugly ones.
 
+use proptest::prelude::*;
 use softrig::mesh::{
-    Embedding, LatticeOptions, MeshError, Resolution, SurfaceMesh, VolumeMesh, components, voxelize,
-    voxelize_with_report,
+    CellKind, Embedding, LatticeOptions, MeshError, Resolution, SurfaceMesh, VolumeMesh, bar, boundary_faces, check,
+    components, deformation_stats, tetrahedralize, voxelize, voxelize_with_report,
 };
 use std::io::Write;
 use std::path::PathBuf;
@@ -242,6 +243,172 @@ fn embedding_reproduces_rest_and_linear_maps() {
         (0..3).for_each(|k| assert!((g[k] - map(*p)[k]).abs() < 1e-11));
     }
     assert_eq!(e.start.len(), points.len() + 1);
+}
+
+fn volume(mesh: &VolumeMesh) -> f64 {
+    check(&mut mesh.clone()).unwrap().volume
+}
+
+/// Every inner face of a conforming mesh belongs to two cells: what is left around it is closed and encloses its volume.
+fn assert_conforming(mesh: &VolumeMesh, volume: f64) {
+    let faces = boundary_faces(mesh);
+    let skin = SurfaceMesh { positions: mesh.nodes.clone(), triangles: faces.triangles };
+    assert_eq!(skin.defects().boundary_edges, 0);
+    assert!((skin.signed_volume() / volume - 1.0).abs() < 1e-12, "{} {volume}", skin.signed_volume());
+}
+
+#[test]
+fn tetrahedra_of_lattices_and_of_any_hexahedra_conform() {
+    // a lattice with split voxels
+    let balls = join(&[sphere([0.0; 3], 1.0, 24, 24), sphere([2.01, 0.0, 0.0], 1.0, 24, 24)]);
+    let voxels = voxelize(&balls, &spacing(0.15)).unwrap();
+    // a bent block whose nodes are numbered at random and whose hexahedra are turned every which way
+    let mut block = bar([3, 4, 5], [1.0, 1.2, 1.5], CellKind::Hex8);
+    let n = block.node_count() as u32;
+    let shuffle = |i: u32| (i * 7 + 3) % n;
+    assert_ne!(n % 7, 0);
+    let mut nodes = block.nodes.clone();
+    for (i, p) in block.nodes.iter().enumerate() {
+        nodes[shuffle(i as u32) as usize] = [p[0] + 0.1 * p[1] * p[2], p[1] - 0.1 * p[0], p[2] + 0.05 * p[0] * p[1]];
+    }
+    block.nodes = nodes;
+    const TURN: [usize; 8] = [1, 2, 3, 0, 5, 6, 7, 4];
+    for (i, h) in block.hexes.iter_mut().enumerate() {
+        *h = h.map(shuffle);
+        (0..i % 4).for_each(|_| *h = TURN.map(|k| h[k]));
+    }
+    for hexes in [voxels, block] {
+        let tets = tetrahedralize(&hexes);
+        let report = check(&mut tets.clone()).unwrap();
+        assert_eq!((report.flipped, report.degenerate.len()), (0, 0));
+        assert!(tets.tets.len() >= 5 * hexes.hexes.len());
+        assert_eq!(tets.fill.len(), if hexes.fill.is_empty() { 0 } else { tets.tets.len() });
+        assert_conforming(&tets, report.volume);
+        if hexes.lattice.is_some() {
+            assert!((report.volume / volume(&hexes) - 1.0).abs() < 1e-12);
+        }
+    }
+}
+
+#[test]
+fn bars_are_the_boxes_they_say() {
+    for kind in [CellKind::Tet4, CellKind::Hex8] {
+        let mut mesh = bar([4, 3, 2], [2.0, 1.0, 0.5], kind);
+        let report = check(&mut mesh).unwrap();
+        assert_eq!((report.flipped, report.unused_nodes), (0, 0));
+        assert!((report.volume - 1.0).abs() < 1e-12);
+        assert_eq!(mesh.node_count(), 60);
+        assert_conforming(&mesh, 1.0);
+    }
+}
+
+#[test]
+fn inverted_cells_are_turned_and_others_named() {
+    for kind in [CellKind::Tet4, CellKind::Hex8] {
+        let good = bar([2, 2, 2], [1.0; 3], kind);
+        let mut all = good.clone();
+        all.tets.iter_mut().for_each(|t| t.swap(0, 1));
+        all.hexes.iter_mut().for_each(|h| (0..4).for_each(|k| h.swap(k, k + 4)));
+        let report = check(&mut all).unwrap();
+        assert_eq!(report.flipped, good.cell_count());
+        assert!(!report.mixed_orientation);
+        assert_eq!(check(&mut all).unwrap().flipped, 0);
+        let mut one = good.clone();
+        one.tets.iter_mut().take(1).for_each(|t| t.swap(0, 1));
+        one.hexes.iter_mut().take(1).for_each(|h| (0..4).for_each(|k| h.swap(k, k + 4)));
+        let report = check(&mut one).unwrap();
+        assert!(report.flipped == 1 && report.mixed_orientation);
+    }
+    let mut flat = bar([1, 1, 1], [1.0, 1.0, 0.0], CellKind::Tet4);
+    flat.nodes.push([0.0; 3]);
+    let report = check(&mut flat).unwrap();
+    assert_eq!((report.degenerate.len(), report.unused_nodes), (6, 1));
+    flat.tets[2][1] = 99;
+    let before = flat.clone();
+    assert_eq!(check(&mut flat), Err(MeshError::CellIndex { cell: 2, node: 99, count: 9 }));
+    assert_eq!(flat, before);
+}
+
+#[test]
+fn deformation_is_measured_against_rest() {
+    for kind in [CellKind::Tet4, CellKind::Hex8] {
+        let mesh = bar([3, 2, 2], [1.0; 3], kind);
+        let scaled: Vec<[f32; 3]> = mesh.nodes.iter().map(|p| p.map(|x| 2.0 * x as f32)).collect();
+        let s = deformation_stats(&mesh, &scaled);
+        assert!(s.inverted.is_empty());
+        assert!((s.volume_ratio - 8.0).abs() < 1e-5 && (s.min - 8.0).abs() < 1e-4 && (s.p99 - 8.0).abs() < 1e-4);
+        let mirrored: Vec<[f64; 3]> = mesh.nodes.iter().map(|p| [-p[0], p[1], p[2]]).collect();
+        assert_eq!(deformation_stats(&mesh, &mirrored).inverted.len(), mesh.cell_count());
+        let broken = vec![[f64::NAN; 3]; mesh.node_count()];
+        assert_eq!(deformation_stats(&mesh, &broken).inverted.len(), mesh.cell_count());
+    }
+}
+
+/// Points in and around bent cells of both kinds: rest and linear maps come back, inner points interpolate.
+#[test]
+fn embedding_in_general_cells_is_exact() {
+    for kind in [CellKind::Tet4, CellKind::Hex8] {
+        let mut mesh = bar([3, 3, 3], [1.0; 3], kind);
+        for p in &mut mesh.nodes {
+            *p = [p[0] + 0.15 * p[1] * p[2], p[1] - 0.2 * p[0] * p[2], p[2] + 0.1 * (3.0 * p[0]).sin()];
+        }
+        let r = |i: u32, k: u32| f64::from((i * 7919 + k * 104_729) % 1009) / 1009.0;
+        let points: Vec<[f64; 3]> = (0..3000).map(|i| [1, 2, 3].map(|k| 1.6 * r(i, k) - 0.3)).collect();
+        let (e, report) = Embedding::embed_with_report(&mesh, &points, None).unwrap();
+        assert!(embedding_error(&mesh, &e, &points) < 1e-12, "{}", embedding_error(&mesh, &e, &points));
+        assert!(report.outside > 500 && report.outside < 2900 && report.far == 0, "{report:?}");
+        let map = |p: [f64; 3]| [2.0 * p[0] - p[1] + 1.0, 0.3 * p[2] + p[1], p[0] - 5.0 * p[2]];
+        let moved: Vec<[f64; 3]> = mesh.nodes.iter().map(|p| map(*p)).collect();
+        let mut got = vec![[0.0; 3]; points.len()];
+        e.apply(&moved, &mut got);
+        let inner: usize = (0..points.len())
+            .filter(|i| e.weight[e.start[*i] as usize..e.start[i + 1] as usize].iter().all(|w| *w >= -1e-9))
+            .count();
+        assert!(inner + report.outside >= points.len());
+        for (g, p) in got.iter().zip(&points) {
+            (0..3).for_each(|k| assert!((g[k] - map(*p)[k]).abs() < 1e-10));
+        }
+    }
+}
+
+/// The answer does not depend on the number of threads.
+#[test]
+fn voxels_and_embedding_are_the_same_on_any_number_of_threads() {
+    let s = join(&[sphere([0.0; 3], 1.0, 20, 13), sphere([1.5, 0.2, 0.0], 1.0, 24, 24)]);
+    let run = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            let mesh = voxelize(&s, &cells(3000)).unwrap();
+            let e = Embedding::embed(&mesh, &s.positions, None).unwrap();
+            (mesh, e)
+        })
+    };
+    assert_eq!(run(1), run(3));
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(60))]
+    /// Any triangles at all, flat ones, doubled ones, crossing ones: a body and an embedding, or an error.
+    #[test]
+    fn any_soup_gets_a_body(
+        coordinates in prop::collection::vec(prop_oneof![-1.0..1.0f64, Just(0.0), Just(1.0), Just(0.5)], 9..60),
+        indices in prop::collection::vec(0usize..20, 3..60),
+        wanted in 1usize..2000,
+        scale in prop_oneof![Just(1.0), Just(1e-6), Just(1e7)],
+        shift in prop_oneof![Just(0.0), Just(1e3)],
+    ) {
+        let positions: Vec<[f64; 3]> = coordinates.chunks_exact(3).map(|c| [c[0] * scale + shift, c[1] * scale, c[2] * scale]).collect();
+        let n = positions.len();
+        let triangles = indices.chunks_exact(3).map(|t| [t[0] % n, t[1] % n, t[2] % n].map(|v| v as u32)).collect();
+        let s = SurfaceMesh { positions, triangles };
+        if let Ok(mut mesh) = voxelize(&s, &cells(wanted)) {
+            let used: Vec<[f64; 3]> = s.triangles.iter().flatten().map(|v| s.positions[*v as usize]).collect();
+            let e = Embedding::embed(&mesh, &used, None).unwrap();
+            prop_assert!(embedding_error(&mesh, &e, &used) <= 1e-9 * (scale + shift));
+            let report = check(&mut mesh).unwrap();
+            prop_assert_eq!((report.flipped, report.degenerate.len(), report.unused_nodes), (0, 0, 0));
+        }
+    }
 }
 
 fn shared(path: &str) -> Option<PathBuf> {

@@ -126,3 +126,8 @@ impl Pieces {
 pub(super) fn corner_index(c: [usize; 3]) -> usize {
     CORNERS.iter().position(|x| *x == c).expect("all eight corners are listed")
 }
+
+/// Position of a sub-voxel's bit within its voxel [sub-voxels].
+pub(super) fn sub_at(bit: u32) -> [i32; 3] {
+    [bit % 4, bit / 4 % 4, bit / 16].map(|x| x as i32)
+}

@@ -237,8 +237,10 @@ fn leaks(
             }
         }
     }
+    let settled = settle_blocks(grid, judge, free, region, &rim, out);
     let half = DVec3::splat(0.5 * grid.spacing);
     let ask: Vec<usize> = (0..free.mask.len())
+        .filter(|i| !settled[free.voxel[*i] as usize])
         .filter(|i| {
             let c = grid.centre(free.voxel[*i] as usize, 42);
             region[*i] == 0 && (c + half).cmpge(reach.0).all() && (c - half).cmple(reach.1).all()
@@ -262,6 +264,46 @@ fn leaks(
     for (i, mask) in ask.into_iter().zip(found) {
         out.mask[free.voxel[i] as usize] |= mask;
     }
+}
+
+/// Settles blocks of 4x4x4 and 2x2x2 voxels of free outside at once, where their middle is far from the level: the winding
+/// number is harmonic there, and its sources, boundary edges, keep away. Returns which voxels need no further question.
+fn settle_blocks(grid: &Grid, judge: &Judge, free: &Free, region: &[u32], rim: &[bool], out: &mut Inside) -> Vec<bool> {
+    let mut settled = vec![false; grid.voxel_count()];
+    let plain = |v: usize| {
+        let first = free.start[v] as usize;
+        free.mask[first] == u64::MAX && region[first] == 0 && !rim[v]
+    };
+    for edge in [4, 2] {
+        let blocks = grid.size.map(|s| s / edge);
+        let voxels = |b: usize| {
+            let at = [b % blocks[0], b / blocks[0] % blocks[1], b / (blocks[0] * blocks[1])];
+            (0..edge * edge * edge).map(move |i| {
+                [at[0] * edge + i % edge, at[1] * edge + i / edge % edge, at[2] * edge + i / (edge * edge)]
+            })
+        };
+        let answers: Vec<Option<bool>> = (0..blocks.iter().product::<usize>())
+            .into_par_iter()
+            .with_min_len(64)
+            .map(|b| {
+                if voxels(b).any(|v| settled[grid.index(v)] || !plain(grid.index(v))) {
+                    return None;
+                }
+                let corner = voxels(b).next()?;
+                let middle = DVec3::from(corner.map(|x| x as f64 + edge as f64 / 2.0));
+                judge.open.clearly(grid.origin + middle * grid.spacing, 0.5, 0.3)
+            })
+            .collect();
+        for (b, answer) in answers.into_iter().enumerate() {
+            if let Some(above) = answer {
+                for v in voxels(b).map(|v| grid.index(v)) {
+                    settled[v] = true;
+                    out.mask[v] = if above { u64::MAX } else { 0 };
+                }
+            }
+        }
+    }
+    settled
 }
 
 /// Adds material where the skin is thinner than a sub-voxel: the sub-voxels that hold such skin, and the skin around them as far as solid

@@ -3,6 +3,7 @@
 use super::cells::Pieces;
 use super::grid::{Crossings, Grid, SUB, crossings};
 use super::region::{Inside, Judge, inside, sheets};
+use super::tidy::tidy;
 use crate::mesh::orient::{Oriented, orient, validate};
 use crate::mesh::{MeshError, SurfaceMesh, VolumeMesh};
 use glam::DVec3;
@@ -50,6 +51,8 @@ pub struct LatticeReport {
     pub components: usize,
     /// Crumbs that held no skin vertex and were left out.
     pub dropped: usize,
+    /// Loose pieces of a connected skin that were joined to the rest.
+    pub joined: usize,
     /// Boundary edges of the surface after welding.
     pub boundary_edges: usize,
 }
@@ -86,7 +89,7 @@ pub fn voxelize_with_report(
         Resolution::Cells(n) if n > 0 => job.search(n)?,
         other => return Err(MeshError::Resolution { what: format!("{other:?}") }),
     };
-    Ok(finish(draft, tries, surface, &oriented))
+    Ok(finish(draft, tries, &oriented))
 }
 
 /// One surface on its way into a lattice.
@@ -221,12 +224,11 @@ impl Job<'_> {
     }
 }
 
-fn finish(draft: Draft, tries: usize, surface: &SurfaceMesh, oriented: &Oriented) -> (VolumeMesh, LatticeReport) {
+fn finish(draft: Draft, tries: usize, oriented: &Oriented) -> (VolumeMesh, LatticeReport) {
     let Draft { grid, crossings, inside, pieces, sheet_cells } = draft;
     let solid: u64 = inside.mask.iter().map(|m| u64::from(m.count_ones())).sum();
     let sub = grid.spacing / SUB as f64;
-    let mesh = pieces.build(&grid, &crossings, &inside);
-    let _ = surface;
+    let (mesh, tidied) = tidy(pieces.build(&grid, &crossings, &inside), oriented);
     let split_cells = mesh
         .lattice
         .as_ref()
@@ -239,7 +241,8 @@ fn finish(draft: Draft, tries: usize, surface: &SurfaceMesh, oriented: &Oriented
         sheet_cells,
         split_cells,
         components,
-        dropped: 0,
+        dropped: tidied.dropped,
+        joined: tidied.joined,
         boundary_edges: oriented.boundary.len(),
     };
     (mesh, report)
