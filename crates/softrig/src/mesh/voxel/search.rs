@@ -155,8 +155,8 @@ impl Job<'_> {
 
     /// Looks for the spacing that gives `wanted` cells.
     fn search(&self, wanted: usize) -> Result<(Draft, usize), MeshError> {
-        /// Close enough to stop: well within the promised 10 %.
-        const GOOD: f64 = 0.03;
+        /// Close enough to stop: well within the promised 10 %, and less so after a few tries, as counts may jump.
+        const GOOD: [f64; 2] = [0.03, 0.08];
         const TRIES: usize = 14;
         if wanted > self.options.max_cells {
             let what = format!("{wanted} cells, more than {}", self.options.max_cells);
@@ -198,7 +198,7 @@ impl Job<'_> {
             } else {
                 fewer = Some((h, count as f64));
             }
-            if off(count) <= GOOD {
+            if off(count) <= GOOD[usize::from(tries > 3)] {
                 break;
             }
             h = match (more, fewer) {
