@@ -247,7 +247,7 @@ fn embedding_reproduces_rest_and_linear_maps() {
 }
 
 fn volume(mesh: &VolumeMesh) -> f64 {
-    check(&mut mesh.clone()).unwrap().volume
+    check(&mut mesh.clone()).expect("a valid mesh").volume
 }
 
 /// Every inner face of a conforming mesh belongs to two cells: what is left around it is closed and encloses its volume.
