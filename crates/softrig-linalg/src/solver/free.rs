@@ -45,6 +45,17 @@ impl FreePattern {
         free
     }
 
+    /// The same pattern, for a matrix of its own.
+    pub fn clone_structure(&self) -> Self {
+        Self {
+            node: self.node.clone(),
+            row_start: self.row_start.clone(),
+            column: self.column.clone(),
+            diagonal: self.diagonal.clone(),
+            ..Self::default()
+        }
+    }
+
     pub fn row_count(&self) -> usize {
         self.node.len()
     }

@@ -2,11 +2,13 @@
 
 mod direct;
 mod free;
+mod multigrid;
 mod pcg;
 mod quads;
 mod residual;
 
 pub use direct::Direct;
+pub use multigrid::{Interpolation, Multigrid};
 pub use pcg::Pcg;
 
 use crate::{BlockCsr, BlockPattern, DofConstraints, Scalar};
@@ -80,6 +82,9 @@ pub trait LinearSolver<R>: Send {
     /// # Errors
     /// [`SolveError::OutOfMemory`] when the solver cannot hold a system of this size.
     fn prepare(&mut self, pattern: &Arc<BlockPattern>, constraints: &DofConstraints) -> Result<(), SolveError>;
+
+    /// Drops what a solve may keep from earlier ones, so that the next one depends on its arguments only.
+    fn forget(&mut self) {}
 
     /// Numeric solve from a zero start. `rhs` and `solution` have one `[R; 3]` per node; `rhs` of constrained nodes is ignored.
     ///

@@ -8,7 +8,7 @@ use crate::{Kernel, Lane, Mat3, Scalar, Vec3, Wide};
 
 /// Blocks one after the other, nine numbers each, and a few of padding because a row of three is loaded as four.
 #[derive(Debug, Default)]
-pub(super) struct Blocks<A>(pub Vec<A>);
+pub(in crate::solver) struct Blocks<A>(pub Vec<A>);
 
 impl<A: Scalar> Blocks<A> {
     const PADDING: usize = 1;
@@ -19,7 +19,7 @@ impl<A: Scalar> Blocks<A> {
 }
 
 /// Inverse of a diagonal block; rows end in a zero.
-pub(super) type Inverse<A> = [[A; 4]; 3];
+pub(in crate::solver) type Inverse<A> = [[A; 4]; 3];
 
 #[inline(always)]
 fn add_dot<A: Scalar>(sum: &mut Wide<f64, 4>, a: Wide<A, 4>, b: Wide<A, 4>) {
@@ -32,7 +32,7 @@ fn total(sum: Wide<f64, 4>) -> f64 {
 }
 
 /// `y = A x` on rows `first..first + y.len()`; returns `xᵀ y` over them.
-pub(super) struct Product<'a, A> {
+pub(in crate::solver) struct Product<'a, A> {
     pub pattern: &'a FreePattern,
     pub values: &'a Blocks<A>,
     pub x: &'a [[A; 4]],
@@ -141,7 +141,7 @@ impl<A: Scalar> Kernel for Direction<'_, A> {
 }
 
 /// Inverse of a symmetric positive definite block, in f64; `None` when it is not one.
-pub(super) fn inverse_of_block<A: Scalar>(m: [f64; 9]) -> Option<Inverse<A>> {
+pub(in crate::solver) fn inverse_of_block<A: Scalar>(m: [f64; 9]) -> Option<Inverse<A>> {
     // leading minors decide; on a block scaled to 1 they cannot overflow
     let scale = m[0].max(m[4]).max(m[8]);
     if !(m[0] > 0.0 && m[4] > 0.0 && m[8] > 0.0 && scale.is_finite()) {

@@ -7,9 +7,10 @@
 //! The recursive residual `r` only decides when to look: what counts is `|b - A x| / |b|` of the rounded solution, computed in
 //! f64 from the caller's matrix. When it is larger than asked for, the iteration starts again from that residual.
 
-mod kernel;
+pub(super) mod kernel;
 
 use super::free::FreePattern;
+use super::multigrid::Cycle;
 use super::quads::Quads;
 use super::{LinearSolver, SolveError, SolveReport, residual};
 use crate::{BlockCsr, BlockPattern, DofConstraints, Scalar, run_wide};
@@ -97,6 +98,25 @@ impl<R: Scalar> Pcg<R> {
         self.partial.iter().fold((0.0, 0.0), |sum, p| (sum.0 + p[0], sum.1 + p[1]))
     }
 
+    /// `z = V r` instead of `D r`; returns `(rᵀ z, zᵀ q)`.
+    fn precondition(&mut self, cycle: &mut Cycle) -> (f64, f64) {
+        cycle.apply(self.r.get(), self.z.get_mut());
+        let (r, z, q) = (self.r.get(), self.z.get(), self.q.get());
+        self.partial.par_iter_mut().enumerate().for_each(|(c, partial)| {
+            let rows = c * ROWS..((c + 1) * ROWS).min(r.len());
+            *partial = rows.fold([0.0; 2], |[rz, zq], i| {
+                let dot = |a: &[R; 4]| (0..3).map(|k| a[k].to_f64() * z[i][k].to_f64()).sum::<f64>();
+                [rz + dot(&r[i]), zq + dot(&q[i])]
+            });
+        });
+        self.partial.iter().fold((0.0, 0.0), |sum, p| (sum.0 + p[0], sum.1 + p[1]))
+    }
+
+    /// The free part of the systems it is prepared for.
+    pub(super) fn free(&self) -> &FreePattern {
+        &self.pattern
+    }
+
     /// `p = z + beta p`.
     fn direction(&mut self, beta: R) {
         self.p.get_mut().par_chunks_mut(ROWS).zip(self.z.get().par_chunks(ROWS)).for_each(|(p, z)| {
@@ -106,11 +126,19 @@ impl<R: Scalar> Pcg<R> {
 
     /// Runs from the residual in `r` until it has at most the square norm `target`; returns the iterations done and whether
     /// it got there. `x` is added to.
-    fn iterate(&mut self, target: f64, limit: usize) -> Result<usize, SolveError> {
+    fn iterate(
+        &mut self,
+        target: f64,
+        limit: usize,
+        mut cycle: Option<&mut Cycle>,
+    ) -> Result<usize, SolveError> {
         // an update by nothing: z = D r and the dot products; q and p hold zeros or finite leftovers
         let (mut rz, mut rr) = self.update(R::zero());
         if rr <= target {
             return Ok(0);
+        }
+        if let Some(cycle) = &mut cycle {
+            rz = self.precondition(cycle).0;
         }
         self.direction(R::zero());
         for iteration in 1..=limit {
@@ -118,12 +146,19 @@ impl<R: Scalar> Pcg<R> {
             if pq.is_nan() || pq <= 0.0 || !rz.is_finite() {
                 return Err(SolveError::NotPositiveDefinite { node: self.steepest_node() });
             }
-            let rz_before = rz;
-            (rz, rr) = self.update(R::from_f64(rz / pq));
+            let (rz_before, alpha) = (rz, rz / pq);
+            (rz, rr) = self.update(R::from_f64(alpha));
             if rr <= target {
                 return Ok(iteration);
             }
-            self.direction(R::from_f64(rz / rz_before));
+            let mut beta = rz / rz_before;
+            if let Some(cycle) = &mut cycle {
+                let zq;
+                (rz, zq) = self.precondition(cycle);
+                // zᵀ (r - r_before) / rz_before: a cycle in f32 is symmetric only up to rounding
+                beta = -alpha * zq / rz_before;
+            }
+            self.direction(R::from_f64(beta));
         }
         Ok(limit)
     }
@@ -179,20 +214,33 @@ impl<R: Scalar> LinearSolver<R> for Pcg<R> {
         solution: &mut [[R; 3]],
         tolerance: f64,
     ) -> Result<SolveReport, SolveError> {
-        let whole = self.prepared.as_ref().ok_or(SolveError::NotPrepared)?;
-        super::check_system(whole, matrix, rhs, solution)?;
-        // on the pool's own threads, so that each loop does not enter it anew
-        rayon::scope(|_| self.solve_inside(matrix, rhs, solution, tolerance))
+        self.solve_with(matrix, rhs, solution, tolerance, None)
     }
 }
 
 impl<R: Scalar> Pcg<R> {
+    /// As `solve`, preconditioned by the cycle when there is one.
+    pub(super) fn solve_with(
+        &mut self,
+        matrix: &BlockCsr<R>,
+        rhs: &[[R; 3]],
+        solution: &mut [[R; 3]],
+        tolerance: f64,
+        cycle: Option<&mut Cycle>,
+    ) -> Result<SolveReport, SolveError> {
+        let whole = self.prepared.as_ref().ok_or(SolveError::NotPrepared)?;
+        super::check_system(whole, matrix, rhs, solution)?;
+        // on the pool's own threads, so that each loop does not enter it anew
+        rayon::scope(|_| self.solve_inside(matrix, rhs, solution, tolerance, cycle))
+    }
+
     fn solve_inside(
         &mut self,
         matrix: &BlockCsr<R>,
         rhs: &[[R; 3]],
         solution: &mut [[R; 3]],
         tolerance: f64,
+        mut cycle: Option<&mut Cycle>,
     ) -> Result<SolveReport, SolveError> {
         self.load(matrix)?;
         let Some(scale) = self.pattern.scale_of(rhs)? else {
@@ -212,7 +260,8 @@ impl<R: Scalar> Pcg<R> {
         let (norm, target) = (square.sqrt(), tolerance * tolerance * square);
         let (mut iterations, mut before) = (0, f64::INFINITY);
         loop {
-            iterations += self.iterate(target, self.iteration_limit.saturating_sub(iterations))?;
+            iterations +=
+                self.iterate(target, self.iteration_limit.saturating_sub(iterations), cycle.as_deref_mut())?;
             let residual = self.examine(matrix, rhs, scale, norm);
             if residual <= tolerance {
                 self.pattern.scatter(&self.candidate, solution);
