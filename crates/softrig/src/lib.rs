@@ -21,3 +21,4 @@ pub mod material;
 pub mod mesh;
 pub mod rig;
 pub mod sample;
+pub mod simulation;

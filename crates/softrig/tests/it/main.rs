@@ -3,5 +3,7 @@
 mod support;
 
 mod analytic;
+mod couple;
 mod golden;
 mod mesh;
+mod multigrid;

@@ -104,11 +104,13 @@ impl Level {
     pub fn smooth(&mut self) {
         product(&self.pattern, &self.values, self.x.get(), self.q.get_mut());
         let (q, b) = (self.q.get(), self.b.get());
-        self.r.get_mut().par_chunks_mut(ROWS).zip(q.par_chunks(ROWS).zip(b.par_chunks(ROWS))).for_each(|(r, (q, b))| {
-            for ((r, q), b) in r.iter_mut().zip(q).zip(b) {
-                *r = std::array::from_fn(|k| b[k] - q[k]);
-            }
-        });
+        self.r.get_mut().par_chunks_mut(ROWS).zip(q.par_chunks(ROWS).zip(b.par_chunks(ROWS))).for_each(
+            |(r, (q, b))| {
+                for ((r, q), b) in r.iter_mut().zip(q).zip(b) {
+                    *r = std::array::from_fn(|k| b[k] - q[k]);
+                }
+            },
+        );
         self.chebyshev(false);
     }
 

@@ -126,12 +126,7 @@ impl<R: Scalar> Pcg<R> {
 
     /// Runs from the residual in `r` until it has at most the square norm `target`; returns the iterations done and whether
     /// it got there. `x` is added to.
-    fn iterate(
-        &mut self,
-        target: f64,
-        limit: usize,
-        mut cycle: Option<&mut Cycle>,
-    ) -> Result<usize, SolveError> {
+    fn iterate(&mut self, target: f64, limit: usize, mut cycle: Option<&mut Cycle>) -> Result<usize, SolveError> {
         // an update by nothing: z = D r and the dot products; q and p hold zeros or finite leftovers
         let (mut rz, mut rr) = self.update(R::zero());
         if rr <= target {

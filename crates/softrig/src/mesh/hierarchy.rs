@@ -1,0 +1,254 @@
+//! Coarser and coarser lattices under a voxel body, for multigrid.
+//!
+//! Every level doubles the spacing. Cells of a coarse voxel are the face-connected groups of fine cells in it, and coarse cells
+//! share corners only across faces that fine cells share, so what is separate on the body stays separate on every level
+//! [Georgii2010 §3.2, nested grids].
+
+use super::volume::VolumeMesh;
+use std::collections::BTreeMap;
+
+/// Trilinear interpolation from a coarse level to the next finer one: compressed rows, one per fine node.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Prolongation {
+    /// Number of coarse nodes.
+    pub coarse_count: usize,
+    /// First entry of each fine node, and one past the last.
+    pub start: Vec<u32>,
+    /// Coarse node of each entry, ascending within a row.
+    pub column: Vec<u32>,
+    /// Its weight [-]; the weights of a row sum to 1.
+    pub weight: Vec<f64>,
+}
+
+/// Offsets of the corners of a voxel, in the node order of [`super::CellKind::Hex8`].
+const CORNERS: [[i32; 3]; 8] = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]];
+
+struct Level {
+    voxel: Vec<[i32; 3]>,
+    cells: Vec<[u32; 8]>,
+    node_count: usize,
+}
+
+/// Interpolations from level to level, finest first, down to at most `coarsest` nodes or until coarsening stops helping.
+/// Empty for bodies without a lattice, or with tetrahedra.
+#[must_use]
+pub fn lattice_hierarchy(mesh: &VolumeMesh, coarsest: usize) -> Vec<Prolongation> {
+    let Some(lattice) = mesh.lattice.as_ref().filter(|l| mesh.tets.is_empty() && l.voxel.len() == mesh.hexes.len())
+    else {
+        return Vec::new();
+    };
+    let mut level = Level { voxel: lattice.voxel.clone(), cells: mesh.hexes.clone(), node_count: mesh.node_count() };
+    let mut prolongations = Vec::new();
+    while level.node_count > coarsest {
+        let (coarse, prolongation) = coarsen(&level);
+        // pieces one voxel thick cannot be thinned for ever
+        if 2 * coarse.node_count > level.node_count {
+            break;
+        }
+        prolongations.push(prolongation);
+        level = coarse;
+    }
+    prolongations
+}
+
+fn coarsen(fine: &Level) -> (Level, Prolongation) {
+    let parent = |v: [i32; 3]| v.map(|c| c.div_euclid(2));
+    let faces = shared_faces(fine);
+
+    // coarse cells: fine cells of one coarse voxel, joined across shared faces
+    let mut group = Sets::new(fine.cells.len());
+    for &(a, b, _) in &faces {
+        if parent(fine.voxel[a]) == parent(fine.voxel[b]) {
+            group.join(a, b);
+        }
+    }
+    let mut cell_of_root = vec![u32::MAX; fine.cells.len()];
+    let mut coarse_cell = vec![0u32; fine.cells.len()];
+    let mut voxel = Vec::new();
+    for c in 0..fine.cells.len() {
+        let root = group.root(c);
+        if cell_of_root[root] == u32::MAX {
+            cell_of_root[root] = voxel.len() as u32;
+            voxel.push(parent(fine.voxel[c]));
+        }
+        coarse_cell[c] = cell_of_root[root];
+    }
+
+    // coarse nodes: corners joined across faces that fine cells share
+    let mut corner = Sets::new(8 * voxel.len());
+    for &(a, b, axis) in &faces {
+        let (ca, cb) = (coarse_cell[a] as usize, coarse_cell[b] as usize);
+        if voxel[ca] != voxel[cb] {
+            for (i, oa) in CORNERS.iter().enumerate().filter(|(_, o)| o[axis] == 1) {
+                let j =
+                    CORNERS.iter().position(|ob| (0..3).all(|k| if k == axis { ob[k] == 0 } else { ob[k] == oa[k] }));
+                corner.join(8 * ca + i, 8 * cb + j.expect("the opposite corner is one of the eight"));
+            }
+        }
+    }
+    let mut node_of_root = vec![u32::MAX; 8 * voxel.len()];
+    let mut node_count = 0;
+    let cells: Vec<[u32; 8]> = (0..voxel.len())
+        .map(|c| {
+            std::array::from_fn(|i| {
+                let root = corner.root(8 * c + i);
+                if node_of_root[root] == u32::MAX {
+                    node_of_root[root] = node_count;
+                    node_count += 1;
+                }
+                node_of_root[root]
+            })
+        })
+        .collect();
+    let coarse = Level { voxel, cells, node_count: node_count as usize };
+    let prolongation = interpolate(fine, &coarse, &coarse_cell);
+    (coarse, prolongation)
+}
+
+/// Pairs of cells with a common face: (lower cell, upper cell, axis from one to the other).
+fn shared_faces(level: &Level) -> Vec<(usize, usize, usize)> {
+    let mut below: BTreeMap<(usize, [u32; 4]), usize> = BTreeMap::new();
+    let face = |cell: &[u32; 8], axis: usize, side: i32| {
+        let mut nodes = [0u32; 4];
+        let on = (0..8).filter(|i| CORNERS[*i][axis] == side);
+        nodes.iter_mut().zip(on).for_each(|(n, i)| *n = cell[i]);
+        nodes.sort_unstable();
+        nodes
+    };
+    for (c, cell) in level.cells.iter().enumerate() {
+        for axis in 0..3 {
+            below.insert((axis, face(cell, axis, 1)), c);
+        }
+    }
+    let mut pairs = Vec::new();
+    for (c, cell) in level.cells.iter().enumerate() {
+        for axis in 0..3 {
+            if let Some(&lower) = below.get(&(axis, face(cell, axis, 0))) {
+                pairs.push((lower, c, axis));
+            }
+        }
+    }
+    pairs
+}
+
+fn interpolate(fine: &Level, coarse: &Level, coarse_cell: &[u32]) -> Prolongation {
+    // any cell of a node tells its place; the first one keeps the choice the same everywhere
+    let mut home = vec![None; fine.node_count];
+    for (c, cell) in fine.cells.iter().enumerate() {
+        for (i, &n) in cell.iter().enumerate() {
+            home[n as usize].get_or_insert((c, i));
+        }
+    }
+    let mut p =
+        Prolongation { coarse_count: coarse.node_count, start: vec![0], column: Vec::new(), weight: Vec::new() };
+    for place in home {
+        if let Some((c, i)) = place {
+            let cc = coarse_cell[c] as usize;
+            // coordinates in the coarse cell, in halves of its edge: 0, 1 or 2
+            let at: [i32; 3] = std::array::from_fn(|k| fine.voxel[c][k] + CORNERS[i][k] - 2 * coarse.voxel[cc][k]);
+            let mut row: Vec<(u32, f64)> = Vec::with_capacity(8);
+            for (corner, &node) in CORNERS.iter().zip(&coarse.cells[cc]) {
+                let w: f64 = (0..3)
+                    .map(|k| {
+                        let t = 0.5 * f64::from(at[k]);
+                        if corner[k] == 1 { t } else { 1.0 - t }
+                    })
+                    .product();
+                if w > 0.0 {
+                    match row.iter_mut().find(|e| e.0 == node) {
+                        Some(e) => e.1 += w,
+                        None => row.push((node, w)),
+                    }
+                }
+            }
+            row.sort_by_key(|e| e.0);
+            p.column.extend(row.iter().map(|e| e.0));
+            p.weight.extend(row.iter().map(|e| e.1));
+        }
+        p.start.push(p.column.len() as u32);
+    }
+    p
+}
+
+/// Disjoint sets; the root is always the lowest member, so the outcome does not depend on the order of joins.
+struct Sets(Vec<u32>);
+
+impl Sets {
+    fn new(n: usize) -> Self {
+        Self((0..n as u32).collect())
+    }
+
+    fn root(&mut self, mut i: usize) -> usize {
+        while self.0[i] as usize != i {
+            self.0[i] = self.0[self.0[i] as usize];
+            i = self.0[i] as usize;
+        }
+        i
+    }
+
+    fn join(&mut self, a: usize, b: usize) {
+        let (a, b) = (self.root(a), self.root(b));
+        self.0[a.max(b)] = a.min(b) as u32;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::Lattice;
+
+    /// Two bars of voxels side by side in the same coarse voxels, not touching.
+    fn two_bars(length: i32) -> VolumeMesh {
+        let mut mesh = VolumeMesh::default();
+        let mut voxel = Vec::new();
+        for bar in 0..2 {
+            let mut index = BTreeMap::new();
+            for x in 0..length {
+                let v = [x, bar, 0];
+                voxel.push(v);
+                let cell = CORNERS.map(|o| {
+                    let at = [v[0] + o[0], v[1] + o[1], v[2] + o[2]];
+                    *index.entry(at).or_insert_with(|| {
+                        mesh.nodes.push(at.map(f64::from));
+                        mesh.nodes.len() as u32 - 1
+                    })
+                });
+                mesh.hexes.push(cell);
+            }
+        }
+        let piece = vec![u64::MAX; voxel.len()];
+        mesh.lattice = Some(Lattice { origin: [0.0; 3], spacing: 1.0, voxel, piece });
+        mesh
+    }
+
+    /// Interpolation reproduces linear functions, and never mixes bodies that do not touch.
+    #[test]
+    fn pieces_in_one_coarse_voxel_stay_apart_and_linear_functions_survive() {
+        let mesh = two_bars(16);
+        let levels = lattice_hierarchy(&mesh, 20);
+        assert!(!levels.is_empty());
+        let p = &levels[0];
+        assert_eq!(p.start.len(), mesh.node_count() + 1);
+        let half = mesh.node_count() / 2;
+        let row = |n: usize| p.start[n] as usize..p.start[n + 1] as usize;
+        let reached = |nodes: std::ops::Range<usize>| -> std::collections::BTreeSet<u32> {
+            nodes.flat_map(|n| p.column[row(n)].to_vec()).collect()
+        };
+        assert!(reached(0..half).is_disjoint(&reached(half..2 * half)));
+        // coarse x coordinates from the fine nodes that coincide with them
+        let mut x = vec![f64::NAN; p.coarse_count];
+        for n in 0..mesh.node_count() {
+            if let [c] = p.column[row(n)] {
+                x[c as usize] = mesh.nodes[n][0];
+            }
+        }
+        for n in 0..mesh.node_count() {
+            let sum: f64 = row(n).map(|k| p.weight[k]).sum();
+            assert!((sum - 1.0).abs() < 1e-15);
+            if row(n).all(|k| x[p.column[k] as usize].is_finite()) {
+                let value: f64 = row(n).map(|k| p.weight[k] * x[p.column[k] as usize]).sum();
+                assert!((value - mesh.nodes[n][0]).abs() < 1e-12);
+            }
+        }
+    }
+}

@@ -1,0 +1,56 @@
+//! Bones to nodes: where a pose puts every node, and how far a body may be moved in one step.
+
+use crate::character::bone_maps;
+use crate::couple::{Binding, BoneMotion, blend_point, blend_rotation};
+use crate::rig::{Pose, Skeleton};
+use glam::{DQuat, DVec3};
+
+/// A pose of the skeleton, as the motions of the bones.
+pub(super) struct Drive {
+    pub motions: Vec<BoneMotion>,
+}
+
+impl Drive {
+    pub fn new(skeleton: &Skeleton, binding: &Binding, pose: &Pose) -> Self {
+        let maps = bone_maps(skeleton, pose);
+        let motions = binding
+            .bones
+            .iter()
+            .map(|b| BoneMotion::new(&maps[b.joint.index()], skeleton.joint(b.joint).rest.translation))
+            .collect();
+        Self { motions }
+    }
+
+    /// Where blended skinning puts node `n`, resting at `rest` [m].
+    pub fn node(&self, binding: &Binding, n: usize, rest: [f64; 3]) -> [f64; 3] {
+        blend_point(&self.motions, binding.blend(n), rest)
+    }
+
+    /// Rotation of the flesh at node `n` since the rest shape.
+    pub fn rotation(&self, binding: &Binding, n: usize) -> DQuat {
+        DQuat::from_array(blend_rotation(&self.motions, binding.blend(n)))
+    }
+
+    /// Largest rotation of a bone from `self` to `next` [rad].
+    pub fn largest_turn(&self, next: &Self) -> f64 {
+        self.motions
+            .iter()
+            .zip(&next.motions)
+            .map(|(a, b)| {
+                let dot = DQuat::from_array(a.rotation()).dot(DQuat::from_array(b.rotation())).abs().min(1.0);
+                2.0 * dot.acos()
+            })
+            .fold(0.0, f64::max)
+    }
+
+    /// Largest distance a bound node moves from `self` to `next` [m].
+    pub fn largest_move(&self, next: &Self, binding: &Binding, rest: &[[f64; 3]]) -> f64 {
+        (0..rest.len())
+            .filter(|n| binding.bound[*n])
+            .map(|n| {
+                let (a, b) = (self.node(binding, n, rest[n]), next.node(binding, n, rest[n]));
+                DVec3::from(a).distance(DVec3::from(b))
+            })
+            .fold(0.0, f64::max)
+    }
+}

@@ -1,0 +1,457 @@
+//! A character's flesh, driven by its skeleton: place it, let it settle, advance it frame by frame.
+//!
+//! Bone-bound nodes are prescribed: at the end of every step they are exactly where their bones are [Georgii2010 §3.1].
+
+mod checkpoint;
+mod drive;
+mod motion;
+mod settings;
+
+pub use checkpoint::{Checkpoint, CheckpointError};
+pub use motion::{ClipMotion, Motion, RestMotion};
+pub use settings::{FrameReport, SimulationSettings, SolverKind};
+
+use crate::body::{Body, BodyError};
+use crate::character::{Character, Skin, bone_maps};
+use crate::couple::{BindError, Binding};
+use crate::force::ElasticModel;
+use crate::frame::Frame;
+use crate::integrate::{Dynamics, Implicit, Integrator, Scheme, State, StepError, StepInput, StepOutput};
+use crate::material::MaterialMap;
+use crate::mesh::{self, Embedding, VolumeMesh};
+use crate::rig::{JointId, Pose, Skeleton};
+use drive::Drive;
+use glam::DVec3;
+use softrig_linalg::{DofConstraints, LinearSolver, Scalar};
+
+/// Why a simulation cannot be set up.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum SetupError {
+    /// Flesh and skeleton do not fit.
+    #[error(transparent)]
+    Bind(#[from] BindError),
+    /// The body cannot be computed with.
+    #[error(transparent)]
+    Body(#[from] BodyError),
+    /// The linear solver cannot hold the system.
+    #[error(transparent)]
+    Solve(#[from] softrig_linalg::SolveError),
+    /// The volume mesh cannot carry the skin.
+    #[error(transparent)]
+    Mesh(#[from] mesh::MeshError),
+}
+
+/// Flesh on a skeleton. Parts are public: read or replace them between frames.
+pub struct Simulation<R> {
+    /// The skeleton that drives it.
+    pub skeleton: Skeleton,
+    /// The flesh.
+    pub body: Body<R>,
+    /// Which nodes hang on which bones.
+    pub binding: Binding,
+    /// Motion of the nodes.
+    pub state: State<R>,
+    /// How it is computed.
+    pub settings: SimulationSettings,
+    integrator: Box<dyn Integrator<R>>,
+    solver: Box<dyn LinearSolver<R>>,
+    skin: SkinCarrier,
+    height: f64,
+    /// Pose realised at `state.time`.
+    pose: Pose,
+    output: StepOutput<R>,
+    joint_force: Vec<[f64; 3]>,
+    scratch: Scratch<R>,
+    /// Largest move of a bound node in the last frame [m]: tells a teleport from a fast motion.
+    last_move: Option<f64>,
+}
+
+struct Scratch<R> {
+    target_position: Vec<[R; 3]>,
+    target_velocity: Vec<[R; 3]>,
+    external_force: Vec<[R; 3]>,
+    nodes: Vec<[f64; 3]>,
+}
+
+/// Skin vertices of all meshes: embedded ones by cells, rigid ones by their joint.
+struct SkinCarrier {
+    embedding: Embedding,
+    points: Vec<[f64; 3]>,
+    meshes: Vec<CarriedMesh>,
+    positions: Vec<Vec<[f64; 3]>>,
+}
+
+enum CarriedMesh {
+    /// Embedded point of each vertex.
+    Flesh(Vec<u32>),
+    /// Rest positions, and the joint they follow; without one they stay.
+    Rigid(Vec<[f64; 3]>, Option<JointId>),
+}
+
+fn cast<R: Scalar>(v: [f64; 3]) -> [R; 3] {
+    v.map(R::from_f64)
+}
+
+impl<R: Scalar> Simulation<R> {
+    /// Sets up flesh around a character. The state is the rest shape; call [`Self::start`] before advancing.
+    ///
+    /// # Errors
+    /// [`SetupError`] says what does not fit.
+    pub fn new(
+        character: &Character,
+        mesh: VolumeMesh,
+        binding: Binding,
+        materials: &MaterialMap,
+        settings: SimulationSettings,
+    ) -> Result<Self, SetupError> {
+        let constraints = DofConstraints::from_mask(binding.bound.clone());
+        let skin = SkinCarrier::new(character, &mesh)?;
+        let rest: Vec<[R; 3]> = mesh.nodes.iter().map(|p| cast(*p)).collect();
+        let mut materials = materials.clone();
+        if settings.dynamics == Dynamics::Paper {
+            // the literal scheme is undamped
+            materials.materials.iter_mut().for_each(|m| m.stiffness_damping = 0.0);
+        }
+        let body = Body::new(mesh, &materials, ElasticModel::Corotated, constraints)?;
+        let mut solver = settings.solver.build::<R>(&body.mesh);
+        solver.prepare(&body.pattern, &body.constraints)?;
+        let zero = vec![[R::zero(); 3]; rest.len()];
+        let pose = RestMotion(&character.skeleton).pose(0.0);
+        Ok(Self {
+            skeleton: character.skeleton.clone(),
+            height: character.height(),
+            integrator: settings.dynamics.integrator(),
+            solver,
+            skin,
+            pose,
+            output: StepOutput { reaction: zero.clone(), ..StepOutput::default() },
+            joint_force: vec![[0.0; 3]; character.skeleton.joint_count()],
+            scratch: Scratch {
+                target_position: rest.clone(),
+                target_velocity: zero.clone(),
+                external_force: zero,
+                nodes: body.mesh.nodes.clone(),
+            },
+            state: State::at_rest(rest),
+            body,
+            binding,
+            settings,
+            last_move: None,
+        })
+    }
+
+    /// Puts the flesh into the motion's first pose and lets it settle there, then gives it the speed of its bones, so that the
+    /// first frame neither drops nor snaps.
+    ///
+    /// # Errors
+    /// [`StepError`] when it cannot be settled; the state is then unchanged.
+    pub fn start(&mut self, motion: &dyn Motion) -> Result<FrameReport, StepError> {
+        let before = self.state.clone();
+        let history = self.body.model.history();
+        let pose = motion.pose(0.0);
+        let drive = self.drive(&pose);
+        let placed = self.placed(&drive);
+        self.body.model.restore(&[]);
+        self.state = State::at_rest(placed.iter().map(|p| cast(*p)).collect());
+        let mut report = FrameReport::default();
+        match self.settle(&drive, &mut report) {
+            Ok(()) => {
+                self.move_with_bones(&placed, &self.drive(&motion.pose(START_LOOK)), START_LOOK);
+                self.state.time = 0.0;
+                self.pose = pose;
+                self.last_move = None;
+                self.collect_joint_force(&drive);
+                Ok(report)
+            }
+            Err(e) => {
+                self.state = before;
+                self.body.model.restore(&history);
+                Err(e)
+            }
+        }
+    }
+
+    /// Puts every node where blended skinning has it at `time`, at rest: what the flesh looks like without physics.
+    pub fn place(&mut self, motion: &dyn Motion, time: f64) {
+        self.pose = motion.pose(time);
+        let placed = self.placed(&self.drive(&self.pose));
+        self.state = State { time, ..State::at_rest(placed.iter().map(|p| cast(*p)).collect()) };
+        self.body.model.restore(&[]);
+        self.last_move = None;
+    }
+
+    /// Settling: implicit Euler with long steps from rest each time, so that what remains is the balance, not a swing.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a step count, bounded by the settings")]
+    fn settle(&mut self, drive: &Drive, report: &mut FrameReport) -> Result<(), StepError> {
+        let steps = (self.settings.preroll / SETTLE_STEP).ceil().clamp(0.0, 1e4) as usize;
+        let mut euler = Implicit::new(Scheme::ImplicitEuler, 1);
+        for _ in 0..steps {
+            for v in [&mut self.state.velocity, &mut self.state.acceleration] {
+                v.iter_mut().for_each(|v| *v = [R::zero(); 3]);
+            }
+            self.step(drive, SETTLE_STEP, Some(&mut euler), report)?;
+        }
+        Ok(())
+    }
+
+    /// Gives every node the velocity of blended skinning over the next `dt` seconds.
+    fn move_with_bones(&mut self, now: &[[f64; 3]], next: &Drive, dt: f64) {
+        for (n, from) in now.iter().enumerate() {
+            let to = next.node(&self.binding, n, self.body.mesh.nodes[n]);
+            self.state.velocity[n] = cast(std::array::from_fn(|k| (to[k] - from[k]) / dt));
+            self.state.acceleration[n] = [R::zero(); 3];
+        }
+    }
+
+    /// Advances to `time` [s], in as many steps as the motion needs.
+    ///
+    /// # Errors
+    /// [`StepError`]; the state is then that of the last frame.
+    pub fn advance(&mut self, motion: &dyn Motion, time: f64) -> Result<FrameReport, StepError> {
+        let (t0, before, history) = (self.state.time, self.state.clone(), self.body.model.history());
+        let dt = time - t0;
+        if !(dt > 0.0 && dt.is_finite()) {
+            return Err(StepError::Unsupported(format!("a step from {t0} s to {time} s: time must advance")));
+        }
+        let mut report = FrameReport::default();
+        let from = self.drive(&self.pose);
+        let to_pose = motion.pose(time);
+        let to = self.drive(&to_pose);
+        let rest = &self.body.mesh.nodes;
+        let moved = from.largest_move(&to, &self.binding, rest);
+        if moved > TELEPORT_SHARE * self.height {
+            let next = to.largest_move(&self.drive(&motion.pose(time + dt)), &self.binding, rest);
+            let around = self.last_move.map_or(next, |last| last.max(next));
+            if moved > TELEPORT_RATIO * around {
+                self.carry_over(&from, &to, &self.drive(&motion.pose(time + START_LOOK)));
+                self.state.time = time;
+                self.pose = to_pose;
+                self.last_move = None;
+                self.collect_joint_force(&to);
+                report.teleported = true;
+                return Ok(report);
+            }
+        }
+        report.substeps = self.substeps(&from, &to, moved, dt);
+        let mut drive = from;
+        for s in 1..=report.substeps {
+            let t = if s == report.substeps { time } else { t0 + dt * s as f64 / report.substeps as f64 };
+            drive = self.drive(&motion.pose(t));
+            let step = t - self.state.time;
+            if let Err(e) = self.step(&drive, step, None, &mut report) {
+                self.state = before;
+                self.body.model.restore(&history);
+                return Err(e);
+            }
+            self.state.time = t;
+        }
+        self.pose = to_pose;
+        self.last_move = Some(moved);
+        self.collect_joint_force(&drive);
+        Ok(report)
+    }
+
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to a small range before")]
+    fn substeps(&self, from: &Drive, to: &Drive, moved: f64, dt: f64) -> usize {
+        let by_time = dt / self.settings.longest_step - 1e-6;
+        let by_turn = from.largest_turn(to) / LONGEST_TURN;
+        let by_move = moved / (LONGEST_MOVE * self.height);
+        by_time.max(by_turn).max(by_move).ceil().clamp(1.0, MOST_SUBSTEPS) as usize
+    }
+
+    /// A jump that no flesh could follow: shape and strain are carried over to the new pose, speed is that of the bones there.
+    fn carry_over(&mut self, from: &Drive, to: &Drive, next: &Drive) {
+        let rest = &self.body.mesh.nodes;
+        let mut placed = Vec::with_capacity(rest.len());
+        for n in 0..rest.len() {
+            let (a, b) = (from.node(&self.binding, n, rest[n]), to.node(&self.binding, n, rest[n]));
+            let turn = to.rotation(&self.binding, n) * from.rotation(&self.binding, n).conjugate();
+            let offset = DVec3::from(self.state.position[n].map(Scalar::to_f64)) - DVec3::from(a);
+            self.state.position[n] = cast((DVec3::from(b) + turn * offset).into());
+            placed.push(b);
+        }
+        self.body.model.restore(&[]);
+        self.move_with_bones(&placed, next, START_LOOK);
+    }
+
+    fn drive(&self, pose: &Pose) -> Drive {
+        Drive::new(&self.skeleton, &self.binding, pose)
+    }
+
+    fn placed(&self, drive: &Drive) -> Vec<[f64; 3]> {
+        self.body.mesh.nodes.iter().enumerate().map(|(n, p)| drive.node(&self.binding, n, *p)).collect()
+    }
+
+    /// One step to the pose of `drive`.
+    fn step(
+        &mut self,
+        drive: &Drive,
+        dt: f64,
+        integrator: Option<&mut Implicit<R>>,
+        report: &mut FrameReport,
+    ) -> Result<(), StepError> {
+        let rest = &self.body.mesh.nodes;
+        let inverse_dt = R::from_f64(1.0 / dt);
+        for n in (0..rest.len()).filter(|n| self.binding.bound[*n]) {
+            let target: [R; 3] = cast(drive.node(&self.binding, n, rest[n]));
+            let x = self.state.position[n];
+            self.scratch.target_position[n] = target;
+            self.scratch.target_velocity[n] = std::array::from_fn(|k| (target[k] - x[k]) * inverse_dt);
+        }
+        self.external_force(drive);
+        let input = StepInput {
+            target_position: &self.scratch.target_position,
+            target_velocity: &self.scratch.target_velocity,
+            external_force: &self.scratch.external_force,
+            dt,
+            tolerance: self.settings.tolerance,
+        };
+        let integrator: &mut dyn Integrator<R> = match integrator {
+            Some(euler) => euler,
+            None => &mut *self.integrator,
+        };
+        integrator.step(&mut self.body, &mut *self.solver, &input, &mut self.state, &mut self.output)?;
+        report.add_step(&self.output);
+        Ok(())
+    }
+
+    /// Gravity. Without sag the rest shape is taken as already in balance: only the change of gravity, seen from the turned
+    /// flesh, acts.
+    fn external_force(&mut self, drive: &Drive) {
+        let g = DVec3::from(self.settings.gravity);
+        for n in 0..self.body.mass.len() {
+            let g = if self.settings.sag { g } else { g - drive.rotation(&self.binding, n) * g };
+            let m = self.body.mass[n].to_f64();
+            self.scratch.external_force[n] = cast((g * m).into());
+        }
+    }
+
+    /// The pull of the flesh on each joint: minus what holds the bound nodes, plus their weight [Georgii2010 eq. 1].
+    fn collect_joint_force(&mut self, drive: &Drive) {
+        self.external_force(drive);
+        self.joint_force.iter_mut().for_each(|f| *f = [0.0; 3]);
+        for n in (0..self.binding.bound.len()).filter(|n| self.binding.bound[*n]) {
+            for &(bone, w) in self.binding.blend(n) {
+                let force = &mut self.joint_force[self.binding.joint(bone).index()];
+                for k in 0..3 {
+                    let pull = self.scratch.external_force[n][k].to_f64() - self.output.reaction[n][k].to_f64();
+                    force[k] += w * pull;
+                }
+            }
+        }
+    }
+
+    /// Pose of the skeleton at the current time.
+    #[must_use]
+    pub fn pose(&self) -> &Pose {
+        &self.pose
+    }
+
+    /// Force of the flesh on each joint of the skeleton [N].
+    #[must_use]
+    pub fn joint_force(&self) -> &[[f64; 3]] {
+        &self.joint_force
+    }
+
+    /// Largest distance between a bound node and its bones' frame, evaluated anew from the pose in f64 [m].
+    #[must_use]
+    pub fn attachment_gap(&self) -> f64 {
+        let drive = self.drive(&self.pose);
+        (0..self.binding.bound.len())
+            .filter(|n| self.binding.bound[*n])
+            .map(|n| {
+                let target = drive.node(&self.binding, n, self.body.mesh.nodes[n]);
+                DVec3::from(target).distance(DVec3::from(self.state.position[n].map(Scalar::to_f64)))
+            })
+            .fold(0.0, f64::max)
+    }
+
+    /// The current frame, with the skin carried to where the flesh is.
+    pub fn frame(&mut self, index: usize) -> Frame<'_> {
+        self.skin.carry(&self.state.position, &self.skeleton, &self.pose);
+        for (to, from) in self.scratch.nodes.iter_mut().zip(&self.state.position) {
+            *to = from.map(Scalar::to_f64);
+        }
+        Frame {
+            index,
+            time: self.state.time,
+            skin: &self.skin.positions,
+            pose: &self.pose,
+            nodes: &self.scratch.nodes,
+            joint_force: &self.joint_force,
+        }
+    }
+}
+
+/// Step of the settling [s]: long against the slowest swing of flesh, so that a handful of steps finds the balance.
+const SETTLE_STEP: f64 = 0.05;
+/// Over what time the speed of the bones at the start is measured [s].
+const START_LOOK: f64 = 1.0 / 240.0;
+/// A bone may turn this much in one step [rad]: a third of a right angle, which the rotations of cells follow safely.
+const LONGEST_TURN: f64 = 0.5;
+/// A bound node may move this share of the height in one step.
+const LONGEST_MOVE: f64 = 0.1;
+/// However fast the bones, a frame has at most this many steps.
+const MOST_SUBSTEPS: f64 = 64.0;
+/// A jump is a teleport when it is this share of the height ...
+const TELEPORT_SHARE: f64 = 0.2;
+/// ... and this many times the move of the frames before and after.
+const TELEPORT_RATIO: f64 = 8.0;
+
+impl SkinCarrier {
+    fn new(character: &Character, mesh: &VolumeMesh) -> Result<Self, mesh::MeshError> {
+        let surface = character.surface(true);
+        let weld = mesh::weld(&surface.positions, 1e-6 * character.height());
+        let triangles: Vec<[u32; 3]> =
+            surface.triangles.iter().map(|t| t.map(|v| weld.vertex_to_welded[v as usize])).collect();
+        let normals = vertex_normals(&weld.positions, &triangles);
+        let embedding = Embedding::embed(mesh, &weld.positions, Some(&normals))?;
+        let mut next = 0;
+        let mut meshes = Vec::new();
+        for m in &character.meshes {
+            meshes.push(match &m.skin {
+                Skin::Weighted(_) => {
+                    let range = next..next + m.positions.len();
+                    next = range.end;
+                    CarriedMesh::Flesh(weld.vertex_to_welded[range].to_vec())
+                }
+                Skin::Rigid(joint) => CarriedMesh::Rigid(m.positions.clone(), Some(*joint)),
+                Skin::Free => CarriedMesh::Rigid(m.positions.clone(), None),
+            });
+        }
+        let positions = character.meshes.iter().map(|m| m.positions.clone()).collect();
+        Ok(Self { points: weld.positions, embedding, meshes, positions })
+    }
+
+    fn carry<R: Scalar>(&mut self, nodes: &[[R; 3]], skeleton: &Skeleton, pose: &Pose) {
+        self.embedding.apply(nodes, &mut self.points);
+        let maps = bone_maps(skeleton, pose);
+        for (mesh, out) in self.meshes.iter().zip(&mut self.positions) {
+            match mesh {
+                CarriedMesh::Flesh(point) => {
+                    for (p, o) in point.iter().zip(out) {
+                        *o = self.points[*p as usize];
+                    }
+                }
+                CarriedMesh::Rigid(rest, Some(joint)) => {
+                    for (r, o) in rest.iter().zip(out) {
+                        *o = maps[joint.index()].point(*r);
+                    }
+                }
+                CarriedMesh::Rigid(..) => {}
+            }
+        }
+    }
+}
+
+/// Area-weighted normals; zero where a vertex has no triangle.
+fn vertex_normals(positions: &[[f64; 3]], triangles: &[[u32; 3]]) -> Vec<[f64; 3]> {
+    let mut normals = vec![DVec3::ZERO; positions.len()];
+    for t in triangles {
+        let [a, b, c] = t.map(|v| DVec3::from(positions[v as usize]));
+        let n = (b - a).cross(c - a);
+        t.iter().for_each(|v| normals[*v as usize] += n);
+    }
+    normals.into_iter().map(|n| n.normalize_or_zero().into()).collect()
+}
