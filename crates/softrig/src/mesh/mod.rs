@@ -31,7 +31,6 @@ pub use embedding::Embedding;
 pub use error::MeshError;
 pub use hierarchy::{Prolongation, lattice_hierarchy};
 pub use samples::{SurfaceSample, surface_samples};
-pub use surface::SurfaceMesh;
 pub use surface::{SurfaceDefects, SurfaceMesh};
 pub use tetrahedralize::tetrahedralize;
 pub use volume::{CellKind, Lattice, VolumeMesh};
