@@ -186,7 +186,7 @@ impl<R: Scalar> Kernel for Linearise<'_, R> {
                 if self.blocks[k].same(first, W) {
                     self.cells::<W>(k, first);
                 } else {
-                    (0..W).for_each(|l| self.cells::<1>(k, first + l));
+                    self.one_by_one(k, first, W);
                 }
             }
         }
@@ -194,6 +194,14 @@ impl<R: Scalar> Kernel for Linearise<'_, R> {
 }
 
 impl<R: Scalar> Linearise<'_, R> {
+    /// Out of line: compiled once and not again for every instruction set.
+    #[inline(never)]
+    fn one_by_one(&mut self, k: usize, first: usize, width: usize) {
+        for lane in 0..width {
+            self.cells::<1>(k, first + lane);
+        }
+    }
+
     #[inline(always)]
     fn cells<const W: usize>(&mut self, k: usize, first: usize) {
         let block = &self.blocks[k];
@@ -241,7 +249,7 @@ impl<R: Scalar> Kernel for Force<'_, R> {
                 if self.blocks[k].same(first, W) {
                     self.cells::<W>(k, first);
                 } else {
-                    (0..W).for_each(|l| self.cells::<1>(k, first + l));
+                    self.one_by_one(k, first, W);
                 }
             }
         }
@@ -249,6 +257,14 @@ impl<R: Scalar> Kernel for Force<'_, R> {
 }
 
 impl<R: Scalar> Force<'_, R> {
+    /// Out of line: compiled once and not again for every instruction set.
+    #[inline(never)]
+    fn one_by_one(&mut self, k: usize, first: usize, width: usize) {
+        for lane in 0..width {
+            self.cells::<1>(k, first + lane);
+        }
+    }
+
     #[inline(always)]
     fn cells<const W: usize>(&mut self, k: usize, first: usize) {
         let block = &self.blocks[k];

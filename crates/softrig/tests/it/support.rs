@@ -44,7 +44,7 @@ impl<R: Scalar> LinearSolver<R> for Dense {
         for p in 0..n {
             let best = (p..n).max_by(|i, j| m[*i][p].abs().total_cmp(&m[*j][p].abs())).unwrap();
             m.swap(p, best);
-            if !(m[p][p].abs() > 0.0) {
+            if m[p][p] == 0.0 || m[p][p].is_nan() {
                 return Err(SolveError::NotPositiveDefinite { node: free[p / 3] });
             }
             let (top, rest) = m.split_at_mut(p + 1);
