@@ -34,7 +34,7 @@ pub(super) const REGIONS: [Region; 5] = [
     // shorts: a waistband that dips under the belly, hems above the knee, never the hands
     Region { look: 1, border: |p| (p.y - (0.628 - 0.26 * p.z)).max(0.395 - p.y).max(p.x.abs() - 0.42) },
     // hair
-    Region { look: HAIR, border: |p| 1.392 + 0.55 * p.z - 0.35 * p.x * p.x - p.y },
+    Region { look: HAIR, border: |p| 1.392 + 0.55 * p.z - 0.12 * p.x * p.x - p.y },
 ];
 
 /// The looks, in linear light.

@@ -34,7 +34,7 @@ pub(super) fn append(
         let axes = DMat3::from_cols(right, out.cross(right), out);
         add(ellipsoid(2, at, axes * DMat3::from_diagonal(DVec3::new(0.0235, 0.034, 0.013))), EYE);
         // both lights on the same side: one lamp
-        let glint = at + axes * DVec3::new(0.007, 0.013, 0.0105);
+        let glint = at + axes * DVec3::new(0.0045 - 0.002 * side, 0.013, 0.0110);
         add(ellipsoid(1, glint, axes * DMat3::from_diagonal(DVec3::new(0.0075, 0.009, 0.004))), GLINT);
         let brow: Vec<DVec3> = (0..9)
             .map(|i| {
@@ -42,7 +42,7 @@ pub(super) fn append(
                 face(side * (0.073 + 0.029 * s), 1.408 + 0.004 * s - 0.011 * s * s).0
             })
             .collect();
-        add(tube(&brow, 0.0085, 0.0045), HAIR);
+        add(tube(&brow, |s| swell(s, 0.0085, 0.0045)), HAIR);
     }
     let smile: Vec<DVec3> = (0..17)
         .map(|i| {
@@ -50,7 +50,21 @@ pub(super) fn append(
             face(0.062 * s, 1.233 + 0.022 * s * s).0
         })
         .collect();
-    add(tube(&smile, 0.0075, 0.0045), MOUTH);
+    add(tube(&smile, |s| swell(s, 0.0075, 0.0045)), MOUTH);
+    // a quiff: three strands that sprout from the crown and curl forward
+    for (foot, lift, lean, curl, radius) in [
+        (DVec3::new(0.0, 1.505, 0.045), 0.085, 0.0, 0.075, 0.034),
+        (DVec3::new(0.022, 1.508, 0.015), 0.075, 0.028, 0.040, 0.028),
+        (DVec3::new(-0.024, 1.508, 0.012), 0.066, -0.030, 0.035, 0.027),
+    ] {
+        let strand: Vec<DVec3> = (0..12)
+            .map(|i| {
+                let s = f64::from(i) / 11.0;
+                foot + DVec3::new(lean * s, lift * s * (1.55 - 0.55 * s * s), curl * s * s)
+            })
+            .collect();
+        add(tube(&strand, |s| radius * (1.0 - s * s * s) + 0.006), HAIR);
+    }
     let head = skeleton.find("head").expect("the skeleton has a head");
     while rows.start.len() <= skin.positions.len() {
         rows.push([(head, 1.0)]);
@@ -98,17 +112,22 @@ fn ellipsoid(rounds: u32, centre: DVec3, axes: DMat3) -> SurfaceMesh {
     }
 }
 
-/// A round tube along points, thinner towards its ends, closed by a tip at each end.
-fn tube(line: &[DVec3], middle_radius: f64, end_radius: f64) -> SurfaceMesh {
-    const SIDES: usize = 8;
+/// Thick in the middle, thin at both ends, for `s` from 0 to 1.
+fn swell(s: f64, middle: f64, end: f64) -> f64 {
+    end + (middle - end) * 4.0 * s * (1.0 - s)
+}
+
+/// A round tube along points, closed by a tip at each end; its radius is a function of the way along it, 0 to 1.
+fn tube(line: &[DVec3], radius: impl Fn(f64) -> f64) -> SurfaceMesh {
+    const SIDES: usize = 10;
     let (mut positions, mut triangles) = (Vec::new(), Vec::new());
     let last = line.len() - 1;
     for (i, p) in line.iter().enumerate() {
         let along = (line[(i + 1).min(last)] - line[i.saturating_sub(1)]).normalize();
-        let u = along.cross(DVec3::Z).normalize();
+        // any direction across will do, as long as no tube runs along this one
+        let u = along.cross(DVec3::new(0.15, 0.1, 1.0)).normalize();
         let w = along.cross(u);
-        let s = 2.0 * i as f64 / last as f64 - 1.0;
-        let r = end_radius + (middle_radius - end_radius) * (1.0 - s * s);
+        let r = radius(i as f64 / last as f64);
         for c in 0..SIDES {
             let angle = std::f64::consts::TAU * c as f64 / SIDES as f64;
             positions.push((*p + r * (u * angle.cos() + w * angle.sin())).to_array());
@@ -123,7 +142,7 @@ fn tube(line: &[DVec3], middle_radius: f64, end_radius: f64) -> SurfaceMesh {
     }
     for (at, inner, i) in [(line[0], line[1], 0), (line[last], line[last - 1], last)] {
         let tip = positions.len() as u32;
-        positions.push((at + (at - inner).normalize() * end_radius).to_array());
+        positions.push((at + (at - inner).normalize() * radius(i as f64 / last as f64)).to_array());
         for c in 0..SIDES {
             let (a, b) = (ring(i, c), ring(i, c + 1));
             triangles.push(if i == 0 { [tip, b, a] } else { [tip, a, b] });
