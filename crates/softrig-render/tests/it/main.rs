@@ -52,5 +52,5 @@ fn camera(distance: f64) -> Camera {
 }
 
 fn draw(mesh: RenderMesh<'_>, camera: &Camera) -> Image {
-    render(&Scene { meshes: vec![mesh], ..Scene::default() }, camera, &WHITE).unwrap()
+    render(&Scene { meshes: vec![mesh], ..Scene::default() }, camera, &WHITE).expect("the scene is sound")
 }
