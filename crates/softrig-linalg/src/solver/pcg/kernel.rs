@@ -1,7 +1,8 @@
 //! The loops of one conjugate-gradient iteration, each over the rows of one chunk.
 //!
-//! A node is four lanes (x, y, z, 0) whatever the machine's width, so sums have one order everywhere. Dot products are added in
-//! f64 also for f32 vectors.
+//! A node is four lanes (x, y, z, 0) whatever the machine's width, so sums have one order everywhere. The fourth lane always adds
+//! a zero; it is added all the same, because a compiler that sees it unused takes the other three apart. Dot products are added
+//! in f64 also for f32 vectors.
 
 use crate::solver::free::FreePattern;
 use crate::{Kernel, Lane, Mat3, Scalar, Vec3, Wide};
@@ -28,7 +29,7 @@ fn add_dot<A: Scalar>(sum: &mut Wide<f64, 4>, a: Wide<A, 4>, b: Wide<A, 4>) {
 
 #[inline(always)]
 fn total(sum: Wide<f64, 4>) -> f64 {
-    (sum.0[0] + sum.0[1]) + sum.0[2]
+    (sum.0[0] + sum.0[1]) + (sum.0[2] + sum.0[3])
 }
 
 /// `y = A x` on rows `first..first + y.len()`; returns `xᵀ y` over them.
@@ -73,10 +74,12 @@ impl<A: Scalar> Kernel for Product<'_, A> {
             if k < row.end {
                 block(k, &mut sum[0]);
             }
+            // the sums below mix lanes; unless the loop's registers end here, the compiler would split them up in the loop as well
+            let sum = std::hint::black_box(sum);
             let s: [[A; 4]; 3] = std::array::from_fn(|r| (sum[0][r] + sum[1][r]).0);
             // transposed, so that the three rows are added side by side
             let part = |c: usize| Wide([s[0][c], s[1][c], s[2][c], A::zero()]);
-            let q = (part(0) + part(1)) + part(2);
+            let q = (part(0) + part(1)) + (part(2) + part(3));
             *y = q.0;
             add_dot(&mut dot, q, Wide(x[first + i]));
         }
