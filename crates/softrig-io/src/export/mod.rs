@@ -5,8 +5,16 @@
 
 mod cache;
 mod cache_reader;
+mod glb;
+mod glb_file;
+mod normals;
 mod output;
+mod principal;
+mod rigid;
+mod series;
 mod space;
+mod usda;
+mod vtu;
 
 pub use cache_reader::{CacheError, PointCache};
 pub(crate) use output::temporary_beside;
@@ -24,23 +32,44 @@ pub enum Format {
     Pc2,
     /// LightWave motion designer, big-endian: as [`Format::Pc2`], with times in seconds.
     Mdd,
+    /// glTF: the motion as morph targets with animated weights. Metres, Y up.
+    Glb,
+    /// USD text: meshes with points over time. Metres, Y up.
+    Usda,
+    /// A folder of VTU files, one per frame, of the volume mesh with displacement, stress and strain, and a PVD file that
+    /// lists them. Metres, Y up.
+    Vtu,
+    /// A folder of OBJ files, one per frame, in the units and axes of the character's file.
+    ObjSeries,
+    /// A folder of PLY files, one per frame, in the units and axes of the character's file.
+    PlySeries,
 }
 
 impl Format {
-    /// The format that the ending of an output stands for.
+    /// The format that the ending of an output stands for; no ending is a folder of OBJ files.
     ///
     /// # Errors
     /// [`ExportError::Unsupported`] names what to use instead.
     pub fn from_path(out: &Path) -> Result<Self, ExportError> {
         let ending = out.extension().map(|e| e.to_string_lossy().to_lowercase());
-        let refuse = |what: &str, instead| {
-            Err(ExportError::Unsupported { what: format!("`{what}` as an output"), instead: String::from(instead) })
+        let refuse = |instead: &str| {
+            let what = format!(".{} files", ending.as_deref().unwrap_or_default());
+            Err(ExportError::Unsupported { what, instead: String::from(instead) })
         };
         match ending.as_deref() {
             Some("pc2") => Ok(Self::Pc2),
             Some("mdd") => Ok(Self::Mdd),
-            Some(other) => refuse(&format!(".{other}"), "use .pc2 or .mdd"),
-            None => refuse("a folder", "use .pc2 or .mdd"),
+            Some("glb") => Ok(Self::Glb),
+            Some("usda") => Ok(Self::Usda),
+            Some("vtu" | "pvd") => Ok(Self::Vtu),
+            None => Ok(Self::ObjSeries),
+            Some("usdc" | "usd" | "usdz") => refuse("use .usda, which every USD program reads"),
+            Some("gltf") => refuse("use .glb, the same in one file"),
+            Some("abc") => refuse("use .usda or .pc2, which the programs that read Alembic read too"),
+            Some("fbx") => refuse("use .glb, .usda or .pc2"),
+            Some("obj" | "ply") => refuse("name a folder, in which every frame gets a file"),
+            Some("vtk") => refuse("use .vtu"),
+            _ => refuse("use .pc2, .mdd, .glb, .usda, .vtu, or a folder for OBJ or PLY files"),
         }
     }
 }
@@ -50,12 +79,31 @@ impl Format {
 pub struct ExportOptions {
     /// What to do about an output that is there already.
     pub existing: Existing,
+    /// Most morph targets of each mesh in a glTF file. Default 64: engines hold the weights of that many, and a clip of ten
+    /// seconds needs fewer.
+    pub morphs: usize,
+    /// Fitting error of morph targets that counts as good, as a share of the character's height [-]. Default 1e-3: 1.7 mm on
+    /// a person.
+    pub morph_tolerance: f64,
 }
 
 impl Default for ExportOptions {
     fn default() -> Self {
-        Self { existing: Existing::Refuse }
+        Self { existing: Existing::Refuse, morphs: 64, morph_tolerance: 1e-3 }
     }
+}
+
+/// How well morph targets show the motion.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct MorphFit {
+    /// Morph targets of the mesh that has most of them.
+    pub used: usize,
+    /// Largest distance of any vertex in any frame from where it should be, as a share of the character's height [-].
+    pub error: f64,
+    /// What `error` should not exceed [-].
+    pub tolerance: f64,
+    /// Morph targets with which it would not.
+    pub needed: usize,
 }
 
 /// What was written.
@@ -67,6 +115,8 @@ pub struct ExportReport {
     pub frames: usize,
     /// What a reader of the result should know, in plain words.
     pub notes: Vec<String>,
+    /// For glTF: how well it shows the motion.
+    pub morphs: Option<MorphFit>,
 }
 
 /// Why an output could not be written. What was there before is untouched.
@@ -164,6 +214,10 @@ pub fn write<S: Read + Seek>(
     }
     match format {
         Format::Pc2 | Format::Mdd => cache::write(journal, character, format, out, options),
+        Format::Glb => glb::write(journal, character, out, options),
+        Format::Usda => usda::write(journal, character, out, options),
+        Format::Vtu => vtu::write(journal, out, options),
+        Format::ObjSeries | Format::PlySeries => series::write(journal, character, format, out, options),
     }
 }
 

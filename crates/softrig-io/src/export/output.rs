@@ -2,6 +2,7 @@
 
 use super::ExportError;
 use crate::journal::Existing;
+use softrig::character::Texture;
 use std::collections::HashSet;
 use std::fs;
 use std::io::{self, BufWriter, Write};
@@ -117,6 +118,20 @@ fn check_replaceable(target: &Path, existing: Existing, endings: &[&str]) -> Res
         }
     }
     Ok(())
+}
+
+/// Name of the file of one frame; as many digits for all, so that they sort.
+pub(super) fn frame_name(index: usize, count: usize, ending: &str) -> String {
+    let width = count.saturating_sub(1).to_string().len().max(4);
+    format!("frame_{index:0width$}.{ending}")
+}
+
+/// A picture as a PNG file; `None` when its numbers do not fit each other.
+pub(super) fn png(texture: &Texture) -> Option<Vec<u8>> {
+    let image = image::RgbaImage::from_raw(texture.width, texture.height, texture.rgba.as_flattened().to_vec())?;
+    let mut bytes = io::Cursor::new(Vec::new());
+    image.write_to(&mut bytes, image::ImageFormat::Png).ok()?;
+    Some(bytes.into_inner())
 }
 
 /// File names for things with names: nothing a file system could object to, no two alike even where case does not count.

@@ -9,6 +9,12 @@ use std::path::Path;
 /// A rig in centimetres with Z up, of a node above everything, a bone and a prop; an arm that follows two joints, a prop that
 /// follows one, and a stone that follows none.
 pub fn character() -> Character {
+    // stretched along a turned axis: what hangs on it shears
+    character_with_scale([2.0, 3.0, 0.5])
+}
+
+/// The same with another scale of the node above everything.
+pub fn character_with_scale(scale: [f64; 3]) -> Character {
     // file (x, y, z) in cm, Z up -> world (x, z, -y) in m
     let to_world = Affine { linear: [[0.01, 0.0, 0.0], [0.0, 0.0, 0.01], [0.0, -0.01, 0.0]], translation: [0.0; 3] };
     let joint = |name: &str, parent: Option<u32>, local: Transform| Joint {
@@ -18,7 +24,7 @@ pub fn character() -> Character {
         local_matrix: None,
         rest: Affine::IDENTITY,
     };
-    let object = Transform { translation: [5.0, -3.0, 2.0], rotation: [0.0, 0.6, 0.0, 0.8], scale: [2.0, 3.0, 0.5] };
+    let object = Transform { translation: [5.0, -3.0, 2.0], rotation: [0.0, 0.6, 0.0, 0.8], scale };
     let bone = Transform { translation: [0.0, 0.0, 40.0], ..Transform::default() };
     let joints = vec![joint("Armature", None, object), joint("Bone", Some(0), bone), joint("Prop", Some(1), bone)];
     let mut skeleton = Skeleton::new(joints.clone(), to_world).unwrap();
