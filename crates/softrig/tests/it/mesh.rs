@@ -200,8 +200,7 @@ fn sheets_and_lines_get_a_body() {
         assert!((wanted * 8 / 10..=wanted * 12 / 10).contains(&mesh.cell_count()), "{name}: {}", mesh.cell_count());
         assert_eq!(report.sheet_cells, mesh.cell_count(), "{name}");
         assert!(mesh.fill.iter().all(|f| *f > 0.0 && *f < 0.5), "{name}");
-        // a line has no width to hold its voxels together
-        assert!(components(&mesh).count == 1 || name == "line", "{name}: {}", components(&mesh).count);
+        assert_eq!(components(&mesh).count, 1, "{name}");
         let e = Embedding::embed(&mesh, &s.positions, None).unwrap();
         assert!(embedding_error(&mesh, &e, &s.positions) < 1e-12);
     }

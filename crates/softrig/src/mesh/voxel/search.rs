@@ -107,7 +107,6 @@ struct Draft {
     crossings: Crossings,
     inside: Inside,
     pieces: Pieces,
-    sheet_cells: usize,
 }
 
 impl Draft {
@@ -148,9 +147,7 @@ impl Job<'_> {
             let suggestion = spacing * (count as f64 / self.options.max_cells as f64).sqrt() * 1.05;
             return Err(MeshError::TooFine { spacing, what, suggestion });
         }
-        let sheet_cells =
-            (0..pieces.mask.len()).filter(|i| pieces.mask[*i] & inside.mask[pieces.voxel[*i] as usize] == 0).count();
-        Ok(Draft { grid, crossings, inside, pieces, sheet_cells })
+        Ok(Draft { grid, crossings, inside, pieces })
     }
 
     /// Looks for the spacing that gives `wanted` cells.
@@ -225,14 +222,17 @@ impl Job<'_> {
 }
 
 fn finish(draft: Draft, tries: usize, oriented: &Oriented) -> (VolumeMesh, LatticeReport) {
-    let Draft { grid, crossings, inside, pieces, sheet_cells } = draft;
+    let Draft { grid, crossings, inside, pieces } = draft;
     let solid: u64 = inside.mask.iter().map(|m| u64::from(m.count_ones())).sum();
     let sub = grid.spacing / SUB as f64;
     let (mesh, tidied) = tidy(pieces.build(&grid, &crossings, &inside), oriented);
-    let split_cells = mesh
-        .lattice
-        .as_ref()
-        .map_or(0, |l| l.voxel.chunk_by(|a, b| a == b).filter(|c| c.len() > 1).map(<[_]>::len).sum());
+    let (mut sheet_cells, mut split_cells) = (0, 0);
+    if let Some(lattice) = &mesh.lattice {
+        // the empty layer comes before voxel (0, 0, 0)
+        let solid = |v: [i32; 3]| inside.mask[grid.index(v.map(|x| (x + 1) as usize))];
+        sheet_cells = lattice.voxel.iter().zip(&lattice.piece).filter(|(v, p)| solid(**v) & **p == 0).count();
+        split_cells = lattice.voxel.chunk_by(|a, b| a == b).filter(|c| c.len() > 1).map(<[_]>::len).sum();
+    }
     let components = crate::mesh::components(&mesh).count;
     let report = LatticeReport {
         spacing: grid.spacing,

@@ -5,6 +5,7 @@
 
 use super::cells::{CORNERS, sub_at};
 use crate::mesh::orient::Oriented;
+use crate::mesh::samples::on_triangle;
 use crate::mesh::sets::Sets;
 use crate::mesh::{Components, Embedding, Lattice, VolumeMesh, components};
 use std::collections::{BTreeMap, BTreeSet, HashMap};
@@ -20,7 +21,23 @@ pub(super) struct Tidied {
 }
 
 /// Drops crumbs and joins loose pieces.
-pub(super) fn tidy(mesh: VolumeMesh, surface: &Oriented) -> (VolumeMesh, Tidied) {
+pub(super) fn tidy(mut mesh: VolumeMesh, surface: &Oriented) -> (VolumeMesh, Tidied) {
+    /// Each round at least halves the number of pieces in a chain of equal ones.
+    const ROUNDS: usize = 16;
+    let mut all = Tidied::default();
+    for _ in 0..ROUNDS {
+        let (next, done) = round(mesh, surface);
+        mesh = next;
+        all.dropped += done.dropped;
+        all.joined += done.joined;
+        if done.joined == 0 {
+            break;
+        }
+    }
+    (mesh, all)
+}
+
+fn round(mesh: VolumeMesh, surface: &Oriented) -> (VolumeMesh, Tidied) {
     let mut done = Tidied::default();
     let parts = components(&mesh);
     if parts.count <= 1 {
@@ -63,23 +80,30 @@ pub(super) fn tidy(mesh: VolumeMesh, surface: &Oriented) -> (VolumeMesh, Tidied)
     (rebuild(&mesh, nodes, |cell| keep[parts.of_cell[cell] as usize]), done)
 }
 
-/// Connected parts of the surface whose vertices each component of the lattice carries.
+/// Connected parts of the surface that each component of the lattice carries. Points between the vertices count too: cells far from any vertex hold
+/// the middle of a large triangle.
 fn skin_parts(mesh: &VolumeMesh, surface: &Oriented, parts: &Components) -> Vec<BTreeSet<u32>> {
     let mut sets = Sets::new(surface.positions.len());
-    let mut used = vec![false; surface.positions.len()];
     for t in &surface.triangles {
         sets.join(t[0], t[1]);
         sets.join(t[0], t[2]);
-        t.iter().for_each(|v| used[*v as usize] = true);
     }
     let (label, _) = sets.labels();
-    let vertices: Vec<usize> = (0..used.len()).filter(|v| used[*v]).collect();
-    let points: Vec<[f64; 3]> = vertices.iter().map(|v| surface.positions[*v].to_array()).collect();
+    let step = mesh.lattice.as_ref().map_or(f64::INFINITY, |l| l.spacing);
+    let mut points = Vec::new();
+    let mut part = Vec::new();
+    for t in &surface.triangles {
+        let p = t.map(|v| surface.positions[v as usize]);
+        on_triangle(p, step, |w| {
+            points.push((p[0] * w[0] + p[1] * w[1] + p[2] * w[2]).to_array());
+            part.push(label[t[0] as usize]);
+        });
+    }
     let mut out = vec![BTreeSet::new(); parts.count];
     // generated cells and checked vertices always embed; without an answer nothing is joined
     if let Ok(e) = Embedding::embed(mesh, &points, None) {
-        for (v, cell) in vertices.iter().zip(&e.cell) {
-            out[parts.of_cell[*cell as usize] as usize].insert(label[*v]);
+        for (part, cell) in part.iter().zip(&e.cell) {
+            out[parts.of_cell[*cell as usize] as usize].insert(*part);
         }
     }
     out
