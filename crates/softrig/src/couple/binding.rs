@@ -3,12 +3,14 @@
 //! 1. Node weights are the mean skin weights of the surface in the node's cells, harmonic inside; the heaviest bone owns the node.
 //! 2. Distance is measured to the owner's own segments only.
 //! 3. A node is bound when it is nearer than half the local thickness of flesh over its bone (or 3/4 of a cell). Thickness is
-//!    measured on the skin, not in cells, so the character looks the same at every resolution.
+//!    measured on the skin, not in cells, so the character looks the same at every resolution. Nodes deeper than the thickest
+//!    layer of flesh are bound too: big heads and bellies have a skull and ribs.
 //! 4. Every bone that owns skin gets at least four nodes: three for its frame, one to spare.
 //! 5. A piece of the body with fewer than four bound nodes would drift or spin: it is bound whole.
 //! 6. Bound nodes follow the blend of their owner's frame and its skeleton neighbours' (see `blend`).
 
 use super::bone::{Bone, OwnedVertex, find_bones, lay_segments};
+use super::depth::depth;
 use super::surface::WeightedSurface;
 use super::weight::{NodeWeights, WeightSample, node_weights};
 use crate::character::Character;
@@ -31,13 +33,16 @@ pub enum BoneRule {
 pub struct BindSettings {
     /// Part of the local thickness that is bound [-]. Default 0.5: 10-14 % of all nodes; 0.35 is softer.
     pub thickness_share: f64,
+    /// Flesh is at most this thick, as a share of the height [-]. Default 0.06: 10 cm on a human. A head of half a metre made
+    /// of flesh only would collapse under its own swing.
+    pub thickest_layer: f64,
     /// Joint names with rules of their own.
     pub bones: Vec<(String, BoneRule)>,
 }
 
 impl Default for BindSettings {
     fn default() -> Self {
-        Self { thickness_share: 0.5, bones: Vec::new() }
+        Self { thickness_share: 0.5, thickest_layer: 0.06, bones: Vec::new() }
     }
 }
 
@@ -120,7 +125,7 @@ impl Binding {
         }
         let surface = WeightedSurface::new(character).ok_or_else(|| BindError::NoSkin(character.name.clone()))?;
         let mut bones = find_bones(&character.skeleton, surface.weighted_joints());
-        let owned = surface.owned_vertices(&bones);
+        let owned = surface.owned_vertices(&bones, mesh)?;
         lay_segments(&character.skeleton, &mut bones, &owned, character.height());
         let rules = resolve_rules(character, &bones, settings)?;
 
@@ -130,6 +135,7 @@ impl Binding {
             node_weights(mesh, bones.len(), samples.iter().map(|s| WeightSample { cell: s.cell, weights: &s.weights }));
         let mut owner: Vec<u32> = (0..mesh.node_count()).map(|n| weights.owner(n) as u32).collect();
         let skin = SkinOverBones::new(&bones, &owned);
+        let (depth, thickest) = (depth(mesh), settings.thickest_layer * character.height());
         let mut bound: Vec<bool> = (0..mesh.node_count())
             .map(|n| {
                 let o = owner[n] as usize;
@@ -141,6 +147,7 @@ impl Binding {
                     None => {
                         let thickness = skin.thickness(o, near.segment, near.along);
                         near.distance <= (0.75 * cell_size).max(settings.thickness_share * thickness)
+                            || depth[n] > thickest + 0.5 * cell_size
                     }
                 }
             })
@@ -206,8 +213,10 @@ fn cell_size(mesh: &VolumeMesh) -> f64 {
 
 /// Where the skin lies along each bone: what tells thickness.
 struct SkinOverBones {
-    /// Per bone: (segment, along, distance) of every vertex it owns, sorted by segment and along.
+    /// Per bone: (segment, along, distance) of the outer vertices it owns, sorted by segment and along.
     over: Vec<Vec<(usize, f64, f64)>>,
+    /// Vertices each bone owns, buried ones too.
+    count: Vec<usize>,
 }
 
 /// Vertices asked about the thickness at one place.
@@ -216,18 +225,25 @@ const THICKNESS_VERTICES: usize = 12;
 impl SkinOverBones {
     fn new(bones: &[Bone], owned: &[OwnedVertex]) -> Self {
         let mut over = vec![Vec::new(); bones.len()];
+        let mut count = vec![0; bones.len()];
+        let mut outside = vec![0; bones.len()];
         for v in owned {
+            count[v.bone] += 1;
+            outside[v.bone] += usize::from(v.exposed);
+        }
+        // thickness is measured to the outside; a bone that only moves buried skin has nothing else to go by
+        for v in owned.iter().filter(|v| v.exposed || outside[v.bone] < NODES_PER_BONE) {
             let near = bones[v.bone].nearest(v.position);
             over[v.bone].push((near.segment, near.along, near.distance));
         }
         for list in &mut over {
             list.sort_by(|a: &(usize, f64, f64), b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)).then(a.2.total_cmp(&b.2)));
         }
-        Self { over }
+        Self { over, count }
     }
 
     fn vertex_count(&self, bone: usize) -> usize {
-        self.over[bone].len()
+        self.count[bone]
     }
 
     /// Lower quartile of the distance from bone to skin, over the owned vertices nearest along the bone [m].

@@ -13,6 +13,8 @@ pub(crate) struct OwnedVertex {
     pub position: [f64; 3],
     /// Index of the bone with the largest weight.
     pub bone: usize,
+    /// On the outside of the body, not on a shell buried in it.
+    pub exposed: bool,
 }
 
 /// A straight piece of a bone in the rest shape.
@@ -154,7 +156,7 @@ mod tests {
     fn segments_skip_joints_without_weight() {
         let s = chain(&["upper", "helper", "lower"]);
         let mut bones = find_bones(&s, &[true, false, true]);
-        let owned = [1.0, 2.0, 3.0].map(|x| OwnedVertex { position: [x, 2.0, 0.0], bone: 1 });
+        let owned = [1.0, 2.0, 3.0].map(|x| OwnedVertex { position: [x, 2.0, 0.0], bone: 1, exposed: true });
         lay_segments(&s, &mut bones, &owned, 2.0);
         assert_eq!(bones[1].parent, Some(0));
         assert_eq!(bones[0].segments, vec![Segment { start: [0.0; 3], end: [0.0, 2.0, 0.0] }]);

@@ -3,6 +3,7 @@
 mod binding;
 mod blend;
 mod bone;
+mod depth;
 mod region;
 mod surface;
 mod weight;

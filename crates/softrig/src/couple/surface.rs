@@ -14,6 +14,9 @@ pub(crate) struct CellSample {
     pub triangle: (u32, u32),
 }
 
+/// A cell with a larger part inside the skin has none of the outside in it.
+const FULL: f32 = 0.999;
+
 /// All skinned meshes of a character; rigid parts are left out, they need no flesh.
 pub(crate) struct WeightedSurface<'a> {
     character: &'a Character,
@@ -50,17 +53,20 @@ impl<'a> WeightedSurface<'a> {
     }
 
     /// Every surface vertex with the bone that moves it most.
-    pub fn owned_vertices(&self, bones: &[Bone]) -> Vec<OwnedVertex> {
-        (0..self.vertex.len())
+    pub fn owned_vertices(&self, bones: &[Bone], mesh: &VolumeMesh) -> Result<Vec<OwnedVertex>, MeshError> {
+        let embedding = Embedding::embed(mesh, &self.surface.positions, None)?;
+        // a shell buried in flesh (a face under its helmet, eyes) lies in cells that are full
+        let exposed = |v: usize| mesh.fill(embedding.cell[v] as usize) < FULL;
+        Ok((0..self.vertex.len())
             .filter_map(|v| {
                 let heaviest =
                     self.vertex_weights(bones, v).fold(None, |best: Option<(usize, f64)>, w| match best {
                         Some(b) if b.1 >= w.1 => best,
                         _ => Some(w),
                     })?;
-                Some(OwnedVertex { position: self.surface.positions[v], bone: heaviest.0 })
+                Some(OwnedVertex { position: self.surface.positions[v], bone: heaviest.0, exposed: exposed(v) })
             })
-            .collect()
+            .collect())
     }
 
     fn vertex_weights<'b>(&'b self, bones: &'b [Bone], v: usize) -> impl Iterator<Item = (usize, f64)> + 'b {
