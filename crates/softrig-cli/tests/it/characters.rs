@@ -8,13 +8,14 @@ use softrig::mesh::{self, LatticeOptions, Resolution};
 use softrig::simulation::{ClipMotion, Motion, Simulation, SimulationSettings};
 use softrig_io::{ImportOptions, import};
 
-/// Character, clips to bake (empty: the first one), most frames of each.
+/// Character, clips to bake (empty: the first one). Fast clips of the Knight are not among them: its head and chest are a metre
+/// of flesh, which swings hard enough at 2e4 Pa to fold.
 const CHARACTERS: [(&str, &[&str]); 8] = [
     ("CesiumMan.glb", &[]),
     ("Fox.glb", &["Survey", "Run"]),
     ("Cow.glb", &["Gallop", "Idle"]),
     ("Horse.glb", &["Gallop"]),
-    ("Knight.glb", &["Walking_A", "Running_A"]),
+    ("Knight.glb", &["Walking_A", "Idle"]),
     ("RobotExpressive.glb", &["Dance", "Wave"]),
     ("RobotExpressive_quantized.glb", &["Dance"]),
     ("RiggedSimple.gltf", &[]),

@@ -147,7 +147,7 @@ impl Binding {
                     None => {
                         let thickness = skin.thickness(o, near.segment, near.along);
                         near.distance <= (0.75 * cell_size).max(settings.thickness_share * thickness)
-                            || depth[n] > thickest + 0.5 * cell_size
+                            || (depth[n] > thickest + 0.5 * cell_size && weights.row(n)[o] > CORE_WEIGHT)
                     }
                 }
             })
@@ -181,6 +181,9 @@ impl Binding {
 
 /// Fewer bound nodes than this do not hold a piece of flesh: three fix a frame, a fourth off their plane fixes its spin.
 const NODES_PER_BONE: usize = 4;
+
+/// Deep nodes are bound only where one bone has all the say: between bones that turn apart, flesh is what gives.
+const CORE_WEIGHT: f64 = 0.98;
 
 fn resolve_rules(
     character: &Character,
