@@ -45,7 +45,7 @@ impl BoneMotion {
 /// as far as orthonormalised columns can tell.
 fn nearest_rotation(m: DMat3) -> DMat3 {
     let det = m.determinant();
-    if !(det > 1e-12 * m.x_axis.length() * m.y_axis.length() * m.z_axis.length()) {
+    if det.is_nan() || det <= 1e-12 * m.x_axis.length() * m.y_axis.length() * m.z_axis.length() {
         let x = m.x_axis.try_normalize().unwrap_or(DVec3::X);
         let y = (m.y_axis - x * x.dot(m.y_axis)).try_normalize().unwrap_or_else(|| x.any_orthonormal_vector());
         return DMat3::from_cols(x, y, x.cross(y));
@@ -81,8 +81,8 @@ pub fn blend_point(motions: &[BoneMotion], weights: &[(u32, f64)], p: [f64; 3]) 
         }
         // the shorter way round
         let w = if m.real.dot(pivot.real) < 0.0 { -w } else { w };
-        real = real + m.real * w;
-        dual = dual + m.dual * w;
+        real += m.real * w;
+        dual += m.dual * w;
     }
     let norm = real.length();
     let (real, dual) = (real * (1.0 / norm), dual * (1.0 / norm));

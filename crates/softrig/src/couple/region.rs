@@ -84,7 +84,8 @@ pub fn material_map(
 ) -> Result<MaterialMap, RegionError> {
     let mut map = MaterialMap::uniform(base);
     if let Some(near) = near_bone {
-        if !(0.01..=1000.0).contains(&near.factor) || !(near.radius > 0.0 && near.radius.is_finite()) {
+        let good = (0.01..=1000.0).contains(&near.factor) && near.radius > 0.0 && near.radius.is_finite();
+        if !good {
             return Err(RegionError::NearBone { factor: near.factor, radius: near.radius });
         }
         map.stiffness_factor = mesh.cells().map(|cell| near_bone_factor(mesh, binding, cell, near)).collect();
