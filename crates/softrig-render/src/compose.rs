@@ -76,7 +76,7 @@ fn number(value: f32, range: [f32; 2]) -> String {
     if !(1e-3..1e6).contains(&range[0].abs().max(range[1].abs())) {
         return format!("{value:.1e}");
     }
-    let decimals = (2.0 - span.log10()).clamp(0.0, 5.0) as usize;
+    let decimals = (1.5 - span.log10()).ceil().clamp(0.0, 5.0) as usize;
     let text = format!("{value:.decimals$}");
     // -0.0 is 0
     if text.trim_start_matches('-').chars().all(|c| c == '0' || c == '.') {
@@ -100,7 +100,8 @@ fn field(image: &mut Image, [x0, y0, x1, y1]: [f32; 4]) {
     }
 }
 
-/// Pictures in a row with a label under the upper edge of each; smaller ones are filled up with their own corner's colour.
+/// Pictures in a row. With labels, each has its own on a strip above it, in the colour of its upper corner; pictures that are less high
+/// than others are filled up below.
 ///
 /// # Errors
 /// [`RenderError::Empty`] without pictures, [`RenderError::Size`] when the row is too wide.
@@ -115,13 +116,19 @@ pub fn side_by_side(images: &[Image], labels: &[&str]) -> Result<Image, RenderEr
         samples: 1,
         limit: 65_535,
     })?;
-    let mut out = Image::filled(width, height, [255; 3]);
+    let size = images.iter().map(letter_size).fold(f32::MAX, f32::min);
+    let strip = if labels.iter().any(|l| !l.is_empty()) { (2.4 * size) as u32 } else { 0 };
+    let mut out = Image::filled(width, height + strip, [255; 3]);
     let mut x = 0;
     for (i, image) in images.iter().enumerate() {
         let mut cell = Image::filled(image.width, height, image.pixel(0, image.height.saturating_sub(1)));
         cell.paste(image, 0, 0);
-        caption(&mut cell, labels.get(i).copied().unwrap_or(""), Align::Top);
-        out.paste(&cell, x, 0);
+        let label = labels.get(i).copied().unwrap_or("");
+        let mut above = Image::filled(image.width, strip, image.pixel(0, 0));
+        let left = 0.5 * (image.width as f32 - font::width(label, size));
+        font::write(&mut above, label, left.max(0.5 * size), 0.7 * size, size, INK);
+        out.paste(&above, x, 0);
+        out.paste(&cell, x, strip);
         x += image.width + GAP;
     }
     Ok(out)
@@ -134,6 +141,7 @@ mod tests {
     #[test]
     fn numbers_tell_the_steps_apart() {
         assert_eq!(number(0.25, [0.0, 1.0]), "0.25");
+        assert_eq!(number(1.125, [0.0, 1.5]), "1.12");
         assert_eq!(number(12_500.0, [0.0, 50_000.0]), "12500");
         assert_eq!(number(-0.0, [-1.0, 1.0]), "0.00".replace("0.00", &number(0.0, [-1.0, 1.0])));
         assert_eq!(number(2.5e-7, [0.0, 1e-6]), "2.5e-7");
@@ -158,6 +166,9 @@ mod tests {
         let row = side_by_side(&[a, b], &[]).unwrap();
         assert_eq!((row.width, row.height), (62, 50));
         assert_eq!((row.pixel(39, 49), row.pixel(42, 0)), ([9, 0, 0], [0, 9, 0]));
+        let labelled = side_by_side(&[row.clone(), row.clone()], &["a", "b"]).unwrap();
+        let strip = labelled.height - row.height;
+        assert!(strip > 10 && labelled.pixel(39, strip + 49) == [9, 0, 0], "labels cover nothing");
         assert!(matches!(side_by_side(&[], &[]), Err(RenderError::Empty)));
     }
 }

@@ -194,7 +194,7 @@ pub fn bones_overlay(skeleton: &Skeleton, pose: &Pose, bones: &[JointId], style:
         sorted.get(sorted.len() / 2).copied().unwrap_or(0.1)
     };
     for j in (0..shown.len()).filter(|j| shown[*j]) {
-        ball(&mut out, at(j), 0.075 * typical, color(j));
+        ball(&mut out, at(j), 0.1 * typical, color(j));
     }
     out
 }
@@ -231,7 +231,7 @@ fn stick(out: &mut RenderMesh<'_>, a: [f64; 3], b: [f64; 3], color: [f32; 3]) {
     let l = distance(u, [0.0; 3]);
     let u = u.map(|c| c / l);
     let w = cross(d, u);
-    let (waist, wide) = (0.16 * length, 0.085 * length);
+    let (waist, wide) = (0.16 * length, 0.11 * length);
     let around = |x: f64, y: f64| std::array::from_fn(|k| a[k] + waist * d[k] + wide * (x * u[k] + y * w[k]));
     push(out, &[a, around(1.0, 0.0), around(0.0, 1.0), around(-1.0, 0.0), around(0.0, -1.0), b], &OCTAHEDRON, color);
 }
