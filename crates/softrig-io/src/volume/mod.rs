@@ -17,8 +17,8 @@ pub use write::{DataArray, VtuData, write_msh41, write_vtu};
 
 use crate::error::{ImportError, Place};
 use crate::source::read_file;
-use crate::text::shown;
-use softrig::mesh::VolumeMesh;
+use crate::text::{REMEDY, shown};
+use softrig::mesh::{MeshError, MeshReport, VolumeMesh, check};
 use std::path::{Component, Path};
 
 /// The volume formats.
@@ -71,6 +71,17 @@ pub fn read(path: &Path) -> Result<VolumeMesh, ImportError> {
     };
     let bytes = read_file(path)?;
     from_bytes(&bytes, path, format, &mut |name| beside(path, name))
+}
+
+/// As [`read`], with inverted cells turned over; the report says which could not be repaired.
+///
+/// # Errors
+/// [`ImportError`].
+pub fn read_checked(path: &Path) -> Result<(VolumeMesh, MeshReport), ImportError> {
+    let mut mesh = read(path)?;
+    let wrong = |e: MeshError| ImportError::malformed(path, Place::Whole, e.to_string(), REMEDY);
+    let report = check(&mut mesh).map_err(wrong)?;
+    Ok((mesh, report))
 }
 
 /// As [`read`], from bytes; `file` is only a name, `loader` gives the files that this one names.

@@ -78,6 +78,19 @@ fn cells_fill_the_shapes_they_should() {
     }
 }
 
+/// The two sample files with cells inside out: all twelve tetrahedra of one, one of six of the other.
+#[test]
+fn inverted_cells_are_turned_over_and_counted() {
+    let Some(folder) = data() else { return };
+    for (name, flipped, mixed) in
+        [("volumes/beam_hex_and_tet.mesh", 12, true), ("bad/6_tetra_bad.msh", 1, true), ("volumes/tire.vtk", 0, false)]
+    {
+        let (mesh, report) = volume::read_checked(&folder.join(name)).unwrap();
+        assert_eq!((report.flipped, report.mixed_orientation), (flipped, mixed), "{name}");
+        assert!(mesh.tets.iter().all(|t| volume_of(&mesh, *t) > 0.0), "{name}");
+    }
+}
+
 #[test]
 fn one_mesh_in_two_formats_is_the_same() {
     let (Some(text), Some(binary)) = (read("stanford/dragon_67k.ele"), read("stanford/dragon_67k_v22bin.msh")) else {
