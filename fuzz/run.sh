@@ -9,13 +9,10 @@ runs=${1:-1000000}
 [ $# -gt 0 ] && shift
 targets=${*:-$(ls fuzz_targets | sed 's/\.rs$//')}
 shared=${SOFTRIG_SHARED:-../../shared}
-host=$(rustc -vV | sed -n 's/^host: //p')
 
-export RUSTC_BOOTSTRAP=1
-export RUSTFLAGS="--cfg fuzzing -Cpasses=sancov-module -Cllvm-args=-sanitizer-coverage-level=4 \
--Cllvm-args=-sanitizer-coverage-inline-8bit-counters -Cllvm-args=-sanitizer-coverage-pc-table \
--Cllvm-args=-sanitizer-coverage-trace-compares -Ccodegen-units=1"
-nice -n 15 cargo build --release --quiet --target "$host" --target-dir target
+# only the readers report what they reach; libraries below them are built as they are
+export RUSTC_BOOTSTRAP=1 RUSTC_WRAPPER="$PWD/instrument.sh"
+nice -n 15 cargo build --release --quiet --target-dir target
 
 for target in $targets; do
     mkdir -p "corpus/$target" "artifacts/$target"
@@ -31,7 +28,7 @@ for target in $targets; do
         find "$shared/data" -name "*.$ending" -size -40k -exec cp {} "corpus/$target/" \; 2>/dev/null || true
     done
     log="artifacts/$target.log"
-    if nice -n 15 "target/$host/release/$target" "corpus/$target" -runs="$runs" -rss_limit_mb=500 -timeout=2 \
+    if nice -n 15 "target/release/$target" "corpus/$target" -runs="$runs" -rss_limit_mb=500 -timeout=2 \
         -max_len=20000 -artifact_prefix="artifacts/$target/" ${FUZZ_SECONDS:+-max_total_time=$FUZZ_SECONDS} >"$log" 2>&1
     then
         echo "$target: $(grep '^Done' "$log")"
