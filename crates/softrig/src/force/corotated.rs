@@ -237,3 +237,42 @@ impl<R: Scalar> ForceModel<R> for Corotated<R> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::material::Material;
+
+    /// A row of voxels far from the origin: their corners differ by rounding, their stiffness must not be stored again.
+    #[test]
+    fn cells_of_a_lattice_share_their_stiffness() {
+        let h = 0.0217;
+        let mut mesh = VolumeMesh::default();
+        for i in 0..=50 {
+            let x = 1.3 + f64::from(i) * h;
+            for (y, z) in [(0.0, 0.0), (h, 0.0), (h, h), (0.0, h)] {
+                mesh.nodes.push([x, 0.7 + y, -0.4 + z]);
+            }
+        }
+        for i in 0..50u32 {
+            let (a, b) = (4 * i, 4 * i + 4);
+            mesh.hexes.push([a, b, b + 1, a + 1, a + 3, b + 3, b + 2, a + 2]);
+        }
+        let count = |map: &MaterialMap| {
+            let pattern = Arc::new(BlockPattern::from_cells(mesh.node_count(), mesh.cells()));
+            Corotated::<f64>::new(&mesh, map, pattern, Rotations::Follow).shape_count()
+        };
+        let flesh = Material::default();
+        assert_eq!(count(&MaterialMap::uniform(flesh)), 1);
+        // another modulus is a factor, another Poisson's ratio another stiffness
+        let stiff = Material { young_modulus: 1e6, ..flesh };
+        let of_cell: Vec<u32> = (0..50).map(|i| i % 2).collect();
+        let two = |other| MaterialMap {
+            materials: vec![flesh, other],
+            of_cell: of_cell.clone(),
+            stiffness_factor: Vec::new(),
+        };
+        assert_eq!(count(&two(stiff)), 1);
+        assert_eq!(count(&two(Material { poisson_ratio: 0.3, ..flesh })), 2);
+    }
+}

@@ -87,20 +87,12 @@ pub(super) fn gather<R: Scalar, const W: usize, const N: usize>(
     out
 }
 
-/// Deformation gradient of `W` cells from differences inside the cell, so that f32 is not spent on the distance to the origin.
+/// Σ y_a g_aᵀ of `W` cells for the corner vectors `y`, from differences inside the cell, so that f32 is not spent on the
+/// distance to the origin.
 #[inline(always)]
-fn gradient_of<R: Scalar, const W: usize>(
-    from: &[[R; 3]],
-    nodes: &[[u32; 4]],
-    first: usize,
-    g: [Vec3<Wide<R, W>>; 3],
-) -> Mat3<Wide<R, W>> {
-    let x0 = gather::<R, W, 4>(from, nodes, first, 0);
-    let mut F = Mat3::zero();
-    for a in 0..3 {
-        F += (gather::<R, W, 4>(from, nodes, first, a + 1) - x0).outer(g[a]);
-    }
-    F
+fn gradient_of<S: Lane>(y: impl Fn(usize) -> Vec3<S>, g: [Vec3<S>; 3]) -> Mat3<S> {
+    let y0 = y(0);
+    (y(1) - y0).outer(g[0]) + (y(2) - y0).outer(g[1]) + (y(3) - y0).outer(g[2])
 }
 
 #[inline(always)]
@@ -133,7 +125,7 @@ impl<R: Scalar> Kernel for Linearise<'_, R> {
                 let g = gradients::<R, W>(block, first);
                 let mut q = std::array::from_fn(|c| load::<R, W>(&self.q[k][c], first));
                 if self.rotate {
-                    q = polar(gradient_of(self.position, self.nodes, cell, g), q);
+                    q = polar(gradient_of(|a| gather(self.position, self.nodes, cell, a), g), q);
                     for c in 0..4 {
                         store(&mut self.q[k][c], first, q[c]);
                     }
@@ -182,19 +174,23 @@ impl<R: Scalar> Kernel for Force<'_, R> {
                 let rot = rotation(std::array::from_fn(|c| load::<R, W>(&self.q[k][c], first)));
                 let (lambda, mu) = (load::<R, W>(&block.lambda, first), load::<R, W>(&block.mu, first));
                 let two = Wide::constant(2.0);
-                let F = gradient_of(self.position, self.nodes, cell, g);
+                let F = gradient_of(|a| gather(self.position, self.nodes, cell, a), g);
                 // corotated strain and the energy in it
                 let mut E = symmetric(rot.transpose() * F) - Mat3::identity();
                 let t = E.trace();
                 let square = E.row(0).dot(E.row(0)) + E.row(1).dot(E.row(1)) + E.row(2).dot(E.row(2));
                 let energy = mu * square + lambda * t * t * Wide::constant(0.5);
-                // K y is linear in the strain of y
-                if let Some(d) = self.increment.displacement {
-                    E += symmetric(rot.transpose() * gradient_of(d, self.nodes, cell, g));
-                }
-                if let Some(v) = self.increment.velocity {
-                    let b = load::<R, W>(&block.damping, first) + Wide::splat(self.increment.damping);
-                    E += symmetric(rot.transpose() * gradient_of(v, self.nodes, cell, g)).scale(b);
+                // K y is linear in the strain of y = d + b v
+                let b = load::<R, W>(&block.damping, first) + Wide::splat(self.increment.damping);
+                let at = |y, a| gather::<R, W, 4>(y, self.nodes, cell, a);
+                let dF = match (self.increment.displacement, self.increment.velocity) {
+                    (Some(d), Some(v)) => Some(gradient_of(|a| at(d, a) + at(v, a).scale(b), g)),
+                    (Some(d), None) => Some(gradient_of(|a| at(d, a), g)),
+                    (None, Some(v)) => Some(gradient_of(|a| at(v, a).scale(b), g)),
+                    (None, None) => None,
+                };
+                if let Some(dF) = dF {
+                    E += symmetric(rot.transpose() * dF);
                 }
                 let P = rot * (E.scale(two * mu) + Mat3::diagonal(lambda * E.trace()));
                 let f = g.map(|g| P * g);

@@ -136,17 +136,6 @@ fn the_increment_is_the_matrix_times_the_displacement() {
     }
 }
 
-/// A voxel body has one stiffness for all its cells.
-#[test]
-fn cells_of_a_lattice_share_their_stiffness() {
-    use softrig::force::{ForceModel, Rotations};
-    let mesh = hex_box([6, 5, 4], 0.0217);
-    let b = body::<f32>(mesh, material(2e4, 0.4), ElasticModel::Corotated, |_| false);
-    let _: &dyn ForceModel<f32> = &*b.model;
-    let _ = Rotations::Follow;
-    assert_eq!(b.model.history().len(), 120);
-}
-
 /// Cells turned inside out, flattened to nothing or lost in NaN: forces stay finite where positions are.
 #[test]
 fn ruined_cells_give_finite_forces() {

@@ -1,1 +1,0 @@
-//! Constraints beyond prescribed nodes. (Prescribed nodes are `softrig_linalg::DofConstraints`.)
