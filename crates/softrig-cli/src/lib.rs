@@ -64,3 +64,8 @@ fn execute(cli: &Cli) -> Outcome {
         Command::Completions(a) => commands::completions::run(a),
     }
 }
+
+/// The library example of the README is run as a test.
+#[cfg(doctest)]
+#[doc = include_str!("../../../README.md")]
+struct Readme;

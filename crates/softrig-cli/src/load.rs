@@ -3,7 +3,8 @@
 use crate::failure::Failure;
 use crate::scene::{self, Import, Scene};
 use softrig::character::Character;
-use softrig_io::{ImportOptions, UpAxis};
+use softrig::mesh::VolumeMesh;
+use softrig_io::{ImportError, ImportOptions, UpAxis};
 use std::path::Path;
 
 /// What a file is, by its ending.
@@ -61,8 +62,27 @@ pub fn character(path: &Path, import: &Import) -> Result<Character, Failure> {
             crate::args::UpAxis::Z => UpAxis::Z,
         }),
     };
-    softrig_io::import(path, &options)
-        .map_err(|e| if e.is_machine_fault() { Failure::Machine(e.to_string()) } else { Failure::Input(e.to_string()) })
+    if path == Path::new(SAMPLE) && !path.exists() {
+        return Ok(softrig::sample::character());
+    }
+    softrig_io::import(path, &options).map_err(|e| import_failure(&e))
+}
+
+/// Name that stands for the built-in character wherever a character is expected and no file of that name is there.
+pub const SAMPLE: &str = "sample";
+
+/// An import that failed, with its exit code.
+#[must_use]
+pub fn import_failure(error: &ImportError) -> Failure {
+    if error.is_machine_fault() { Failure::Machine(error.to_string()) } else { Failure::Input(error.to_string()) }
+}
+
+/// Reads a volume mesh.
+///
+/// # Errors
+/// [`Failure`] when it cannot be read.
+pub fn volume(path: &Path) -> Result<VolumeMesh, Failure> {
+    softrig_io::volume::read(path).map_err(|e| import_failure(&e))
 }
 
 /// Reads a scene's character, with the meshes that the scene makes rigid.

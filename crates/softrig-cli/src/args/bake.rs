@@ -73,7 +73,7 @@ pub struct BakeArgs {
     /// How time passes: `lively` swings, `calm` damps, `paper` is the literal scheme of Georgii et al. [default: lively]
     #[arg(long, value_name = "NAME", help_heading = "Physics")]
     pub dynamics: Option<DynamicsName>,
-    /// Linear solver [default: pcg]
+    /// Linear solver [default: multigrid]
     #[arg(long, value_name = "NAME", help_heading = "Physics")]
     pub solver: Option<SolverName>,
     /// Relative residual asked of every linear solve [default: 1e-6]

@@ -5,12 +5,13 @@ mod values;
 
 pub use bake::{BakeArgs, BodyArgs, ImportArgs};
 pub use values::{
-    DynamicsName, FrameRange, KindName, PictureSize, Precision, SolverName, Stress, UpAxis, ViewName, preset_named,
+    DynamicsName, FrameRange, KindName, PictureSize, Precision, SolverName, Stress, UpAxis, preset_named,
 };
 
 use clap::{Args, Parser, Subcommand};
+use softrig_render::View;
 use std::path::PathBuf;
-use values::{at_least_one, positive};
+use values::{at_least_one, positive, view_named};
 
 /// Physical flesh for rigged characters.
 ///
@@ -122,7 +123,8 @@ pub struct RenderArgs {
     /// Character or scene the cache belongs to: a cache alone has no faces, colours or bones
     #[arg(long, value_name = "CHARACTER|SCENE")]
     pub with: Option<PathBuf>,
-    /// Only this frame, counted from 0 [default: the first for .png, all otherwise]
+    /// Only this frame, counted from 0 [default: the first for .png, where a character without --clip stands in its bind pose;
+    /// all otherwise]
     #[arg(long, value_name = "N", conflicts_with = "frames")]
     pub frame: Option<usize>,
     /// Only these frames; B is left out
@@ -134,9 +136,9 @@ pub struct RenderArgs {
     /// Frames per second of a character's clip and of the .gif [default: those of the cache, 25 for a character]
     #[arg(long, value_name = "F", value_parser = positive)]
     pub fps: Option<f64>,
-    /// Where to look from
-    #[arg(long, value_name = "NAME", default_value = "three-quarter")]
-    pub view: ViewName,
+    /// Where to look from: front, side, back, three-quarter, top, or an angle about the vertical in degrees
+    #[arg(long, value_name = "NAME", default_value = "three-quarter", value_parser = view_named)]
+    pub view: View,
     /// Size of the picture in pixels
     #[arg(long, value_name = "WxH", default_value = "640x480")]
     pub size: PictureSize,
@@ -163,16 +165,23 @@ pub struct RenderArgs {
 /// `softrig convert`.
 #[derive(Debug, Args)]
 pub struct ConvertArgs {
-    /// Journal of a bake, cache (.pc2 .mdd), volume mesh or surface
+    /// Journal of a bake (.softrig-journal), cache (.pc2 .mdd, with --with), volume mesh, character or motion (.bvh)
     pub input: PathBuf,
-    /// What to write; the ending picks the format
+    /// What to write; the ending picks the format: .pc2 .mdd .usda .glb .vtu or a folder from journals and caches, .vtu .msh from
+    /// volume meshes, .bvh from characters and motions
     pub output: PathBuf,
     /// Character or scene a cache belongs to
     #[arg(long, value_name = "CHARACTER|SCENE")]
     pub with: Option<PathBuf>,
-    /// Most morph targets of a .glb
-    #[arg(long, value_name = "N", default_value = "64", value_parser = at_least_one)]
-    pub morphs: usize,
+    /// Clip of a character to write as .bvh: a name or number [default: the first]
+    #[arg(long, value_name = "NAME|N")]
+    pub clip: Option<String>,
+    /// Frames per second of a .bvh [default: 30]
+    #[arg(long, value_name = "F", value_parser = positive)]
+    pub fps: Option<f64>,
+    /// Most morph targets of a .glb [default: 64]
+    #[arg(long, value_name = "N", value_parser = at_least_one)]
+    pub morphs: Option<usize>,
     /// How to read the file.
     #[command(flatten)]
     pub import: ImportArgs,

@@ -4,6 +4,7 @@ use clap::ValueEnum;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use softrig::material::MaterialPreset;
+use softrig_render::View;
 use std::fmt;
 use std::str::FromStr;
 
@@ -45,10 +46,12 @@ pub enum DynamicsName {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum SolverName {
-    /// Conjugate gradients with a block-Jacobi preconditioner.
+    /// Conjugate gradients preconditioned by a multigrid cycle; on tetrahedra the same as `pcg`.
     #[default]
+    Multigrid,
+    /// Conjugate gradients with inverted 3x3 diagonal blocks: least memory.
     Pcg,
-    /// Sparse Cholesky factorisation.
+    /// Sparse Cholesky factorisation: for small or very stiff bodies.
     Direct,
 }
 
@@ -61,23 +64,6 @@ pub enum Precision {
     /// Double precision.
     #[default]
     F64,
-}
-
-/// Where a picture is taken from.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum ViewName {
-    /// From the front.
-    Front,
-    /// From behind.
-    Back,
-    /// From its left.
-    Left,
-    /// From its right.
-    Right,
-    /// From above.
-    Top,
-    /// From the front and a little to the side and above.
-    ThreeQuarter,
 }
 
 /// A quantity to colour the skin by.
@@ -193,6 +179,11 @@ pub fn at_least_one(text: &str) -> Result<usize, String> {
         Ok(0) | Err(_) => Err("must be a whole number of at least 1".into()),
         Ok(n) => Ok(n),
     }
+}
+
+/// A view by its name.
+pub fn view_named(name: &str) -> Result<View, String> {
+    View::parse(name).ok_or_else(|| "choose front, side, back, three-quarter, top, or an angle in degrees".into())
 }
 
 /// A material preset by its name.

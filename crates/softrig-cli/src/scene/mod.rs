@@ -6,7 +6,7 @@ mod read;
 mod rigid;
 mod template;
 
-pub use read::{SceneError, read};
+pub use read::{SceneError, is_bvh, read};
 pub use template::template;
 
 use crate::args::{DynamicsName, FrameRange, KindName, Precision, SolverName, UpAxis};

@@ -58,7 +58,11 @@ pub fn read(path: &Path) -> Result<Scene, SceneError> {
     })?;
     let mut scene = parse(text)?;
     let folder = path.parent().unwrap_or(Path::new(""));
-    scene.character = folder.join(&scene.character);
+    let beside = folder.join(&scene.character);
+    // the built-in character lies nowhere
+    if scene.character != Path::new(crate::load::SAMPLE) || beside.exists() {
+        scene.character = beside;
+    }
     if let Some(clip) = &mut scene.motion.clip
         && is_bvh(Path::new(clip))
     {

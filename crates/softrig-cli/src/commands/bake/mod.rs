@@ -1,12 +1,100 @@
-//! `softrig bake`.
+//! `softrig bake`: a character and a clip go in, moving flesh comes out.
+
+mod measure;
+mod output;
+mod prepare;
+mod resume;
+mod session;
+
+pub use output::{Policy, Target, refuse_existing, write_whole, write_whole_with};
+pub use prepare::{Prepared, clips, volume};
+pub use session::{Job, bake_clip, export_failure, journal_failure};
 
 use crate::args::BakeArgs;
 use crate::failure::{Failure, Outcome};
+use crate::load;
+use crate::scene::{Scene, template};
+use crate::ui;
+use std::path::Path;
 
-/// Runs the command.
+/// Bakes one clip of a character, or all of them.
 ///
 /// # Errors
-/// [`Failure`] with the exit code.
-pub fn run(_args: &BakeArgs) -> Outcome {
-    Err(Failure::Usage("unsupported: `bake` is not in this build yet".into()))
+/// [`Failure`] with the exit code; finished frames stay valid whatever happens.
+pub fn run(args: &BakeArgs) -> Outcome {
+    let mut scene = load::scene(&args.file)?;
+    scene.override_with(args);
+    scene.check().map_err(|e| Failure::reading(&args.file, &e))?;
+    if let Some(path) = &args.write_scene {
+        return write_scene(path, scene, args.force);
+    }
+    let Some(out) = &args.output else {
+        return Err(Failure::Usage("say what to write: -o OUT".into()));
+    };
+    let policy = match (args.resume, args.force) {
+        (true, _) => Policy::Resume,
+        (false, true) => Policy::Replace,
+        (false, false) => Policy::Refuse,
+    };
+    // what is there already is refused before any long work, side results included
+    Target::new(out, policy, args.morphs)?;
+    for side in [&args.report, &args.forces].into_iter().flatten() {
+        refuse_existing(side, policy)?;
+    }
+    let character = load::scene_character(&scene)?;
+    character.notes.iter().for_each(ui::warn);
+    let clips = clips(&scene, &character)?;
+    let names: Vec<_> = clips.iter().map(|c| c.name.clone()).collect();
+    let mut targets = Vec::new();
+    for name in &names {
+        let path = if clips.len() > 1 { output::for_clip(out, name, &names) } else { out.clone() };
+        targets.push(Target::new(&path, policy, args.morphs)?);
+    }
+    let prepared = Prepared::new(&scene, character)?;
+    let mut reports = Vec::new();
+    let mut forces = args.forces.as_ref().map(|_| output::Forces::new(clips.len() > 1));
+    for (clip, target) in clips.iter().zip(&targets) {
+        let job = Job { scene: &scene, prepared: &prepared, clip, target };
+        if let Some(report) = bake_clip(&job, forces.as_mut())? {
+            reports.push(report);
+        }
+    }
+    if reports.is_empty() {
+        // all done by an earlier run, with its reports
+        return Ok(());
+    }
+    // one clip: one object; several: a list of them
+    let json = match &reports[..] {
+        [one] if clips.len() == 1 => serde_json::to_string_pretty(one),
+        all => serde_json::to_string_pretty(all),
+    };
+    let json = json.expect("a report is plain data");
+    if let Some(path) = &args.report {
+        write_whole(path, format!("{json}\n").as_bytes())?;
+    }
+    if let (Some(path), Some(forces)) = (&args.forces, forces) {
+        write_whole(path, forces.text().as_bytes())?;
+    }
+    if args.json {
+        ui::result(json);
+    } else {
+        reports.iter().flat_map(|r| &r.outputs).for_each(ui::result);
+    }
+    Ok(())
+}
+
+/// Writes the settings as a scene file beside which its character is found again.
+fn write_scene(path: &Path, mut scene: Scene, force: bool) -> Outcome {
+    refuse_existing(path, if force { Policy::Replace } else { Policy::Refuse })?;
+    let character = load::scene_character(&scene)?;
+    scene.character = output::relative_to(&scene.character, path.parent().unwrap_or(Path::new("")));
+    if let Some(clip) = &mut scene.motion.clip
+        && crate::scene::is_bvh(Path::new(clip))
+    {
+        let relative = output::relative_to(Path::new(clip), path.parent().unwrap_or(Path::new("")));
+        *clip = relative.to_string_lossy().into_owned();
+    }
+    write_whole(path, template(&scene, Some(&character)).as_bytes())?;
+    ui::result(path.display());
+    Ok(())
 }

@@ -1,5 +1,8 @@
 //! `softrig inspect`: what is in a file, what is wrong with it, and what softrig would do about it.
 
+mod other;
+mod surface;
+
 use crate::args::InspectArgs;
 use crate::failure::{Failure, Outcome};
 use crate::load::{self, FileKind};
@@ -8,6 +11,7 @@ use crate::ui;
 use serde::Serialize;
 use softrig::character::{Character, Skin};
 use std::fmt::Write;
+use surface::Defects;
 
 /// What `--json` prints for a character or surface. Keys are stable.
 #[derive(Debug, Serialize)]
@@ -22,6 +26,7 @@ struct CharacterInfo<'a> {
     bones: Vec<&'a str>,
     clips: Vec<ClipInfo<'a>>,
     looks: Vec<&'a str>,
+    surface: Defects,
     bake: String,
     notes: &'a [String],
 }
@@ -50,10 +55,22 @@ struct ClipInfo<'a> {
 /// # Errors
 /// [`Failure`] when it cannot be read.
 pub fn run(args: &InspectArgs) -> Outcome {
-    match load::kind(&args.file) {
-        FileKind::Scene | FileKind::Character => character(args),
-        _ => Err(Failure::Input(format!("{}: only characters and scenes can be inspected", args.file.display()))),
+    let other = match load::kind(&args.file) {
+        FileKind::Scene | FileKind::Character => return character(args),
+        FileKind::Volume => other::volume(&args.file)?,
+        FileKind::Motion => other::motion(&args.file)?,
+        FileKind::Journal => other::journal(&args.file)?,
+        FileKind::PointCache => other::cache(&args.file)?,
+    };
+    if args.scene {
+        return Err(Failure::Usage(format!("{} is no character: --scene needs one", args.file.display())));
     }
+    if args.json {
+        ui::result(serde_json::to_string_pretty(&other).expect("names and numbers are plain data"));
+    } else {
+        ui::result(other.text());
+    }
+    Ok(())
 }
 
 fn character(args: &InspectArgs) -> Outcome {
@@ -105,6 +122,7 @@ fn describe(character: &Character) -> CharacterInfo<'_> {
             .map(|c| ClipInfo { name: &c.name, seconds: c.duration(), tracks: c.tracks.len() })
             .collect(),
         looks: character.looks.iter().map(|l| l.name.as_str()).collect(),
+        surface: Defects::of(character),
         bake: plan(character, bones.len()),
         bones,
         notes: &character.notes,
@@ -143,11 +161,21 @@ fn plan(character: &Character, bones: usize) -> String {
     format!("fill it with about {DEFAULT_CELLS} cells, hang them on {bones} bones{rigid}, and {clip}")
 }
 
+fn counted(count: usize, one: &str, many: &str) -> String {
+    format!("{count} {}", if count == 1 { one } else { many })
+}
+
 fn text(info: &CharacterInfo<'_>) -> String {
     let mut out = String::new();
     // writing into a string cannot fail
     let _ = writeln!(out, "{} ({}): {:.3} m tall", info.name, info.kind, info.height_m);
-    let _ = writeln!(out, "  {} vertices, {} triangles in {} meshes", info.vertices, info.triangles, info.meshes.len());
+    let _ = writeln!(
+        out,
+        "  {} vertices, {} triangles, {}",
+        info.vertices,
+        info.triangles,
+        counted(info.meshes.len(), "mesh", "meshes")
+    );
     for m in &info.meshes {
         let skin = match (m.skin, m.joint) {
             ("rigid", Some(joint)) => format!("carried by `{joint}`"),
@@ -156,8 +184,9 @@ fn text(info: &CharacterInfo<'_>) -> String {
         };
         let _ = writeln!(out, "    {}: {} vertices, {} triangles, {skin}", m.name, m.vertices, m.triangles);
     }
+    let _ = writeln!(out, "  {}", info.surface.text());
     let _ = writeln!(out, "  {} joints, {} of them bones", info.joints, info.bones.len());
-    let _ = writeln!(out, "  {} clips", info.clips.len());
+    let _ = writeln!(out, "  {}", counted(info.clips.len(), "clip", "clips"));
     for (i, c) in info.clips.iter().enumerate() {
         let _ = writeln!(out, "    {i}  {}: {:.2} s, {} tracks", c.name, c.seconds, c.tracks);
     }
