@@ -1,7 +1,9 @@
 //! The command line from outside: the binary is run as a user runs it.
 
+mod bake;
 mod characters;
 mod docs;
+mod real;
 mod shared;
 mod usage;
 

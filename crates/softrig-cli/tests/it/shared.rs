@@ -16,9 +16,33 @@ pub fn real_file(path: &str) -> Option<PathBuf> {
         let _ = writeln!(std::io::stderr(), "skipped: {test}, no {}", file.display());
         return None;
     }
+    exercised(path);
+    Some(file)
+}
+
+/// All files below a folder of the shared folder with one of the endings, sorted; empty, said, when it is not there.
+pub fn real_files(folder: &str, endings: &[&str]) -> Vec<PathBuf> {
+    let mut found = Vec::new();
+    let mut folders: Vec<PathBuf> = real_file(folder).into_iter().collect();
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(&folder).expect("a readable folder").flatten() {
+            let path = entry.path();
+            if path.is_dir() {
+                folders.push(path);
+            } else if path.extension().is_some_and(|e| endings.iter().any(|w| e == *w)) {
+                exercised(&path.display().to_string());
+                found.push(path);
+            }
+        }
+    }
+    found.sort();
+    found
+}
+
+/// Writes down that a file was used.
+fn exercised(path: &str) {
     if let Some(log) = std::env::var_os("SOFTRIG_EXERCISED") {
         let mut log = std::fs::OpenOptions::new().create(true).append(true).open(log).expect("the list of files opens");
         writeln!(log, "{path}").expect("the list of files grows");
     }
-    Some(file)
 }
