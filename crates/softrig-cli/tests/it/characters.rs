@@ -77,7 +77,7 @@ fn bake(character: &Character, sim: &mut Simulation<f64>, motion: &ClipMotion<'_
     worst
 }
 
-fn clips<'a>(character: &'a Character, names: &[&str]) -> Vec<usize> {
+fn clips(character: &Character, names: &[&str]) -> Vec<usize> {
     if names.is_empty() {
         return vec![0];
     }

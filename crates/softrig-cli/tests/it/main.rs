@@ -1,5 +1,7 @@
 //! The command line from outside: the binary is run as a user runs it.
 
+#![allow(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
+
 mod bake;
 mod characters;
 mod docs;

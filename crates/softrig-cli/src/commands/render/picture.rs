@@ -175,7 +175,7 @@ impl Body {
             return Ok(None);
         }
         let kept = frames.header().and_then(|h| h.volume.as_ref());
-        if kept.is_none() && !(frames.is_bind_pose() && !stress) {
+        if kept.is_none() && (stress || !frames.is_bind_pose()) {
             return Err(Failure::Input(
                 "cells, bound nodes and stress of a moving character come from a bake: bake it to a .softrig-journal and \
                  render that"
