@@ -77,8 +77,9 @@ pub(super) fn character(
     let to_world = units.to_world();
     character.map_rest(&to_world);
     character.skeleton.set_to_world(to_world);
-    if !character.meshes.iter().flat_map(|m| &m.positions).flatten().all(|v| v.is_finite()) {
-        return Err(Fault::malformed("", "its vertices lie too far out to be numbers"));
+    let finite = character.meshes.iter().flat_map(|m| &m.positions).flatten().all(|v| v.is_finite());
+    if !finite || !character.skeleton.joints().iter().all(|j| j.rest.is_finite()) {
+        return Err(Fault::malformed("", "its vertices or joints lie too far out to be numbers"));
     }
     Ok(character)
 }

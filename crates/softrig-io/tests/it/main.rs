@@ -7,6 +7,7 @@ mod bvh;
 mod export;
 mod gltf;
 mod gltf_made;
+mod gltf_mutated;
 mod gltf_reference;
 mod journal;
 mod made;
