@@ -5,7 +5,7 @@ use super::render::{self, Frames, Overlays, Painter};
 use crate::args::{DemoArgs, PictureSize};
 use crate::failure::{Failure, Outcome};
 use crate::load::{self, SAMPLE};
-use crate::scene::Scene;
+use crate::scene::{Bone, Scene};
 use crate::ui::{self, Progress};
 use softrig_io::export::{self, ExportOptions, Format};
 use softrig_io::journal::{Existing, JournalReader};
@@ -31,6 +31,8 @@ pub fn run(args: &DemoArgs) -> Outcome {
     scene.body.cells = Some(args.cells);
     scene.motion.fps = FPS;
     scene.motion.clip = Some(args.clip.clone());
+    // there is a skull in it: a face of flesh alone slides about when the character lands
+    scene.bone.push(Bone { joint: "head".into(), whole: true, ..Bone::default() });
     let character = load::scene_character(&scene)?;
     let clips = bake::clips(&scene, &character)?;
     std::fs::create_dir_all(folder).map_err(|e| Failure::writing(folder, &e))?;

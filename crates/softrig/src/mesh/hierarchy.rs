@@ -42,7 +42,7 @@ pub fn lattice_hierarchy(mesh: &VolumeMesh, coarsest: usize) -> Vec<Prolongation
     while level.node_count > coarsest {
         let (coarse, prolongation) = coarsen(&level);
         // pieces one voxel thick cannot be thinned for ever
-        if 2 * coarse.node_count > level.node_count {
+        if 4 * coarse.node_count > 3 * level.node_count {
             break;
         }
         prolongations.push(prolongation);
