@@ -216,10 +216,10 @@ fn a_motion_fits_its_own_skeleton() {
     }
 }
 
-/// The two conversions of one CMU take have different rest poses and names in common; put on the other's skeleton,
+/// The two conversions of one CMU take have other offsets and angles, and names in common; put on the other's skeleton,
 /// arms and legs must point where they do in the motion itself.
 #[test]
-fn limbs_point_the_same_way_on_another_rest_pose() {
+fn limbs_point_the_same_way_on_another_conversion() {
     let Some(folder) = data() else { return };
     let bvh = bvh::read(&folder.join("mocap/cmu_alt_02_01_walk.bvh")).unwrap();
     let mut figure = character(&bvh::read(&folder.join("mocap/cmu_02_01_walk.bvh")).unwrap());
@@ -252,6 +252,47 @@ fn limbs_point_the_same_way_on_another_rest_pose() {
     }
     // chord of 10 degrees, below which differences of direction are left alone
     assert!(worst < 0.18, "{worst} rad, {notes:?}");
+}
+
+/// Hips, a head, and one arm of three joints along `arm`; two frames, in the second the whole figure and its arm are turned.
+fn one_armed(arm: [f64; 3]) -> Bvh {
+    let [x, y, z] = arm;
+    let turns = "Zrotation Xrotation Yrotation";
+    let text = format!(
+        "HIERARCHY\nROOT Hips\n{{\nOFFSET 0 0 0\nCHANNELS 6 Xposition Yposition Zposition {turns}\n\
+         JOINT Head\n{{\nOFFSET 0 0.7 0\nCHANNELS 3 {turns}\n}}\nJOINT Foot\n{{\nOFFSET 0 -0.9 0\nCHANNELS 3 {turns}\n}}\n\
+         JOINT Arm\n{{\nOFFSET 0.2 0.5 0\nCHANNELS 3 {turns}\nJOINT ForeArm\n{{\nOFFSET {x} {y} {z}\nCHANNELS 3 {turns}\n\
+         JOINT Hand\n{{\nOFFSET {x} {y} {z}\nCHANNELS 3 {turns}\n}}\n}}\n}}\n}}\nMOTION\nFrames: 2\nFrame Time: 0.1\n\
+         0 0.9 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0\n\
+         1 0.9 2 5 -8 30 0 0 0 0 0 0 40 20 -10 0 25 50 0 0 0\n"
+    );
+    let import = ImportOptions { unit: Some(1.0), up: Some(UpAxis::Y), ..ImportOptions::default() };
+    bvh::from_bytes(text.as_bytes(), Path::new("one.bvh"), &BvhOptions { import, ..every_frame() }).unwrap()
+}
+
+/// A motion recorded from arms stretched out, on a character modelled with its arms hanging down: arm and forearm must point where
+/// the motion says, whatever the rest pose.
+#[test]
+fn arms_hanging_down_follow_a_motion_from_arms_stretched_out() {
+    let motion = one_armed([0.3, 0.0, 0.0]);
+    let figure = character(&one_armed([0.15, -0.25, 0.05]));
+    let (clip, notes) = bvh::apply_to(&figure, &motion).unwrap();
+    assert!(notes.iter().any(|n| n.contains("rest poses differ")), "{notes:?}");
+    for frame in 0..2 {
+        let time = frame as f64 * motion.frame_time;
+        let theirs = joint_positions(&motion, frame);
+        let ours: Vec<_> =
+            figure.skeleton.pose(&clip.sample(&figure.skeleton, time)).world.iter().map(|w| w.translation).collect();
+        let direction = |p: &[[f64; 3]], a: &str, b: &str| {
+            let (p, q) = (p[motion.skeleton.find(a).unwrap().index()], p[motion.skeleton.find(b).unwrap().index()]);
+            let length = distance(p, q);
+            [0, 1, 2].map(|k| (q[k] - p[k]) / length)
+        };
+        for (a, b) in [("Arm", "ForeArm"), ("ForeArm", "Hand"), ("Hips", "Head")] {
+            let apart = distance(direction(&ours, a, b), direction(&theirs, a, b));
+            assert!(apart < 1e-9, "frame {frame}, {a}: {apart}");
+        }
+    }
 }
 
 #[test]
