@@ -98,14 +98,17 @@ fn simulation(character: &Character, settings: SimulationSettings) -> Simulation
     Simulation::new(character, volume, binding, &MaterialMap::uniform(Material::default()), settings).unwrap()
 }
 
-/// Perimeter of each ring over its rest perimeter, smallest within three radii of the joint.
+/// Perimeter over rest perimeter at the joint: mean over the rings within half a radius of it.
 fn girth(skin: &[[f64; 3]]) -> f64 {
     let dist = |a: [f64; 3], b: [f64; 3]| (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt();
     let rest = 2.0 * RADIUS * (std::f64::consts::PI / SIDES as f64).sin() * SIDES as f64;
-    let reach = (3.0 * RADIUS / (2.0 * HALF) * (RINGS - 1) as f64) as usize;
-    ((RINGS / 2 - reach)..=(RINGS / 2 + reach))
+    let reach = (0.5 * RADIUS / (2.0 * HALF) * (RINGS - 1) as f64) as usize;
+    let rings = (RINGS / 2 - reach)..=(RINGS / 2 + reach);
+    let count = rings.clone().count() as f64;
+    rings
         .map(|r| (0..SIDES).map(|s| dist(skin[r * SIDES + s], skin[r * SIDES + (s + 1) % SIDES])).sum::<f64>() / rest)
-        .fold(f64::INFINITY, f64::min)
+        .sum::<f64>()
+        / count
 }
 
 fn bent_girth(axis: [f64; 3], angle: f64) -> (f64, f64) {
