@@ -105,7 +105,8 @@ fn sparse_accessors_replace_elements() {
         let primitive = json!({"attributes": {"POSITION": positions}, "indices": indices});
         m.file(json!({"nodes": [{"mesh": 0}], "meshes": [{"primitives": [primitive]}]}))
     };
-    assert_eq!(read(&file(2)).unwrap().meshes[0].positions[2], [0.5, 0.5, 7.0]);
+    let got = read(&file(2)).unwrap().meshes[0].positions.clone();
+    assert_eq!(got, [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.5, 0.5, 7.0], [0.0, 1.0, 0.0]]);
     refused(&file(4), "replaces element 4 of 4");
 }
 
