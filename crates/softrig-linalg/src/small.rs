@@ -204,11 +204,8 @@ impl<S: Lane> Mul for Mat3<S> {
     type Output = Self;
     #[inline(always)]
     fn mul(self, o: Self) -> Self {
-        let row = |i: usize| {
-            let r = self.0[i];
-            (o.row(0).scale(r[0]) + o.row(1).scale(r[1]) + o.row(2).scale(r[2])).0
-        };
-        Self([row(0), row(1), row(2)])
+        // no closure: one that is not inlined would be compiled without the wide instructions of its caller
+        Self([o.transpose_mul(self.row(0)).0, o.transpose_mul(self.row(1)).0, o.transpose_mul(self.row(2)).0])
     }
 }
 

@@ -28,6 +28,9 @@ pub enum Rotations {
 /// Corotated (or linear) elasticity on tetrahedra and hexahedra.
 pub struct Corotated<R> {
     rotations: Rotations,
+    /// Cell of the mesh behind each of our tetrahedra: ours are in the order of their nodes, so that the cells that meet at a
+    /// node lie close in memory, however the mesh was written.
+    tet_order: Vec<u32>,
     tet_nodes: Vec<[u32; 4]>,
     tets: Vec<TetBlock<R>>,
     tet_q: Vec<[[R; BLOCK]; 4]>,
@@ -54,12 +57,14 @@ impl<R: Scalar> Corotated<R> {
     /// A model of cells that [`crate::body::Body::new`] has checked, with the pattern made from them.
     fn new(mesh: &VolumeMesh, materials: &MaterialMap, pattern: Arc<BlockPattern>, rotations: Rotations) -> Self {
         let at = |n: u32| mesh.nodes[n as usize];
-        let tets: Vec<TetConstants> = mesh
-            .tets
+        let mut tet_order: Vec<u32> = (0..mesh.tets.len() as u32).collect();
+        tet_order.sort_by_key(|i| mesh.tets[*i as usize].iter().min());
+        let tet_nodes: Vec<[u32; 4]> = tet_order.iter().map(|i| mesh.tets[*i as usize]).collect();
+        let tets: Vec<TetConstants> = tet_order
             .iter()
-            .enumerate()
+            .zip(&tet_nodes)
             .map(|(i, cell)| {
-                let m = materials.get(i);
+                let m = materials.get(*i as usize);
                 let (gradient, volume) = tet_gradients(cell.map(at));
                 let (lambda, mu) = (m.lambda(), m.shear_modulus());
                 TetConstants { gradient, volume, lambda, mu, damping: m.stiffness_damping }
@@ -97,9 +102,10 @@ impl<R: Scalar> Corotated<R> {
             tet_force: vec![[[R::zero(); 3]; 4]; tets.len()],
             hex_force: vec![[[R::zero(); 3]; 8]; hexes.len()],
             energy: vec![R::zero(); mesh.cell_count()],
-            tet_incidence: Incidence::new(nodes, &mesh.tets, &pattern),
+            tet_incidence: Incidence::new(nodes, &tet_nodes, &pattern),
             hex_incidence: Incidence::new(nodes, &mesh.hexes, &pattern),
-            tet_nodes: mesh.tets.clone(),
+            tet_order,
+            tet_nodes,
             hex_nodes: mesh.hexes.clone(),
             pattern,
             saved: Vec::new(),
@@ -218,14 +224,19 @@ impl<R: Scalar> ForceModel<R> for Corotated<R> {
 
     fn history(&self) -> Vec<[R; 4]> {
         let lane = |blocks: &[[[R; BLOCK]; 4]], i: usize| blocks[i / BLOCK].map(|c| c[i % BLOCK]);
-        let tets = (0..self.tet_nodes.len()).map(|i| lane(&self.tet_q, i));
-        tets.chain((0..self.hex_nodes.len()).map(|i| lane(&self.hex_q, i))).collect()
+        let mut out = vec![[R::zero(); 4]; self.tet_nodes.len()];
+        for (i, cell) in self.tet_order.iter().enumerate() {
+            out[*cell as usize] = lane(&self.tet_q, i);
+        }
+        out.extend((0..self.hex_nodes.len()).map(|i| lane(&self.hex_q, i)));
+        out
     }
 
     fn restore(&mut self, history: &[[R; 4]]) {
         let (t, h) = (self.tet_nodes.len(), self.hex_nodes.len());
         let cold = [R::zero(), R::zero(), R::zero(), R::one()];
-        let at = |i: usize| if history.len() == t + h { history[i] } else { cold };
+        let cell = |i: usize| self.tet_order.get(i).map_or(i, |cell| *cell as usize);
+        let at = |i: usize| if history.len() == t + h { history[cell(i)] } else { cold };
         // the cells that fill up the last block do as the last cell does
         for (blocks, first, len) in [(&mut self.tet_q, 0, t), (&mut self.hex_q, t, h)] {
             for (k, block) in blocks.iter_mut().enumerate() {

@@ -10,7 +10,7 @@
 
 use super::assembly::Increment;
 use super::polar::{eigen_symmetric, polar, rotation, symmetric};
-use super::tet::{BLOCK, gather, load, store};
+use super::tet::{BLOCK, gather, load, load_q, store};
 use softrig_linalg::{Kernel, Lane, Mat3, Scalar, Vec3, Wide};
 
 /// Eigenvalues of tr(S) I − S below this are left out of the exact gradient: 2 at rest, 0 where the rotation is undetermined.
@@ -149,7 +149,20 @@ impl<R: Scalar> HexBlock<R> {
 #[inline(always)]
 fn corners<R: Scalar, const W: usize>(from: &[[R; 3]], nodes: &[[u32; 8]], first: usize) -> [Vec3<Wide<R, W>>; 8] {
     let x0 = gather::<R, W, 8>(from, nodes, first, 0);
-    std::array::from_fn(|a| gather::<R, W, 8>(from, nodes, first, a) - x0)
+    let mut x = [Vec3::zero(); 8];
+    for a in 1..8 {
+        x[a] = gather::<R, W, 8>(from, nodes, first, a) - x0;
+    }
+    x
+}
+
+/// All eight in the frame of the cell, `Rᵀ x`.
+#[inline(always)]
+fn turned<S: Lane>(rot: Mat3<S>, mut x: [Vec3<S>; 8]) -> [Vec3<S>; 8] {
+    for x in &mut x {
+        *x = rot.transpose_mul(*x);
+    }
+    x
 }
 
 #[inline(always)]
@@ -206,7 +219,7 @@ impl<R: Scalar> Linearise<'_, R> {
     fn cells<const W: usize>(&mut self, k: usize, first: usize) {
         let block = &self.blocks[k];
         let cell = k * BLOCK + first;
-        let mut q = std::array::from_fn(|c| load::<R, W>(&self.q[k][c], first));
+        let mut q = load_q::<R, W>(&self.q[k], first);
         if self.rotate {
             let x = corners::<R, W>(self.position, self.nodes, cell);
             q = polar(mean_gradient(&self.shapes[block.shape[first] as usize], &x), q);
@@ -270,11 +283,14 @@ impl<R: Scalar> Force<'_, R> {
         let block = &self.blocks[k];
         let shape = &self.shapes[block.shape[first] as usize];
         let cell = k * BLOCK + first;
-        let rot = rotation(std::array::from_fn(|c| load::<R, W>(&self.q[k][c], first)));
+        let rot = rotation(load_q::<R, W>(&self.q[k], first));
         let scale = load::<R, W>(&block.scale, first);
         // positions in the cell's own frame
-        let x = corners::<R, W>(self.position, self.nodes, cell).map(|x| rot.transpose_mul(x));
-        let u = std::array::from_fn(|a| x[a] - Vec3::splat(shape.offset[a]));
+        let x = turned(rot, corners::<R, W>(self.position, self.nodes, cell));
+        let mut u = x;
+        for a in 0..8 {
+            u[a] -= Vec3::splat(shape.offset[a]);
+        }
         let mut g = apply(shape, &u);
         let mut energy = Wide([R::zero(); W]);
         for a in 1..8 {
@@ -295,12 +311,15 @@ impl<R: Scalar> Force<'_, R> {
                     y[a] += v[a].scale(b);
                 }
             }
-            let added = apply(shape, &y.map(|y| rot.transpose_mul(y)));
+            let added = apply(shape, &turned(rot, y));
             for a in 0..8 {
                 g[a] += added[a];
             }
         }
-        let f = g.map(|g| (rot * g).scale(scale));
+        let mut f = g;
+        for f in &mut f {
+            *f = (rot * *f).scale(scale);
+        }
         for (i, out) in self.force.iter_mut().skip(cell).take(W).enumerate() {
             for a in 0..8 {
                 out[a] = [f[a].0[0].0[i], f[a].0[1].0[i], f[a].0[2].0[i]];

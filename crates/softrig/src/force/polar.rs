@@ -58,7 +58,9 @@ pub fn polar_warm<S: Lane>(F: Mat3<S>, q: [S; 4]) -> ([S; 4], S) {
         }
         // lane by lane, so that neighbours do not show in the result
         let next = newton_step(B, g, q);
-        q = std::array::from_fn(|c| S::select_lt(there, square, next[c], q[c]));
+        for c in 0..4 {
+            q[c] = S::select_lt(there, square, next[c], q[c]);
+        }
         B = rotation(q).transpose() * F;
     }
     let g = gradient(B);
@@ -100,10 +102,11 @@ fn newton_step<S: Lane>(B: Mat3<S>, g: Vec3<S>, q: [S; 4]) -> [S; 4] {
     let one = S::one();
     let flat = S::select_lt(det.abs(), tiny, one, S::zero());
     let uphill = S::select_lt(S::zero(), newton.dot(g), one, S::zero());
-    let w = Vec3(std::array::from_fn(|k| {
-        let downhill = S::select_lt(half, uphill, -g.0[k] * S::constant(0.125), newton.0[k]);
-        S::select_lt(half, flat, -g.0[k], downhill)
-    }));
+    let mut w = newton;
+    for k in 0..3 {
+        w.0[k] = S::select_lt(half, uphill, -g.0[k] * S::constant(0.125), w.0[k]);
+        w.0[k] = S::select_lt(half, flat, -g.0[k], w.0[k]);
+    }
     let ww = w.dot(w);
     let inverse = one / (one + ww);
     let (dw, dv) = ((one - ww) * inverse, w.scale((one + one) * inverse));

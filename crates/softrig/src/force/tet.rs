@@ -57,15 +57,23 @@ impl<R: Scalar> TetBlock<R> {
     }
 }
 
-/// `W` numbers of a block, from lane `first`.
+// No closures below: one that is not inlined is compiled without the wide instructions of the kernel around it.
+
+/// `W` numbers of a block, from lane `first`, a multiple of `W`.
 #[inline(always)]
 pub(super) fn load<R: Scalar, const W: usize>(block: &[R; BLOCK], first: usize) -> Wide<R, W> {
-    Wide(std::array::from_fn(|i| block[first + i]))
+    Wide(block.as_chunks::<W>().0[first / W])
 }
 
 #[inline(always)]
 pub(super) fn store<R: Scalar, const W: usize>(block: &mut [R; BLOCK], first: usize, value: Wide<R, W>) {
-    block[first..first + W].copy_from_slice(&value.0);
+    block.as_chunks_mut::<W>().0[first / W] = value.0;
+}
+
+/// Quaternions of `W` cells.
+#[inline(always)]
+pub(super) fn load_q<R: Scalar, const W: usize>(q: &[[R; BLOCK]; 4], first: usize) -> [Wide<R, W>; 4] {
+    [load(&q[0], first), load(&q[1], first), load(&q[2], first), load(&q[3], first)]
 }
 
 /// Vectors of one corner of `W` cells.
@@ -80,24 +88,35 @@ pub(super) fn gather<R: Scalar, const W: usize, const N: usize>(
     let last = nodes.len() - 1;
     for i in 0..W {
         let p = from[nodes[(first + i).min(last)][corner] as usize];
-        for c in 0..3 {
-            out.0[c].0[i] = p[c];
-        }
+        out.0[0].0[i] = p[0];
+        out.0[1].0[i] = p[1];
+        out.0[2].0[i] = p[2];
     }
     out
+}
+
+/// Vectors of the four corners of `W` cells.
+#[inline(always)]
+fn corners<R: Scalar, const W: usize>(from: &[[R; 3]], nodes: &[[u32; 4]], first: usize) -> [Vec3<Wide<R, W>>; 4] {
+    let at = nodes;
+    [gather(from, at, first, 0), gather(from, at, first, 1), gather(from, at, first, 2), gather(from, at, first, 3)]
 }
 
 /// Σ y_a g_aᵀ of `W` cells for the corner vectors `y`, from differences inside the cell, so that f32 is not spent on the
 /// distance to the origin.
 #[inline(always)]
-fn gradient_of<S: Lane>(y: impl Fn(usize) -> Vec3<S>, g: [Vec3<S>; 3]) -> Mat3<S> {
-    let y0 = y(0);
-    (y(1) - y0).outer(g[0]) + (y(2) - y0).outer(g[1]) + (y(3) - y0).outer(g[2])
+fn gradient_of<S: Lane>(y: [Vec3<S>; 4], g: [Vec3<S>; 3]) -> Mat3<S> {
+    (y[1] - y[0]).outer(g[0]) + (y[2] - y[0]).outer(g[1]) + (y[3] - y[0]).outer(g[2])
 }
 
 #[inline(always)]
 fn gradients<R: Scalar, const W: usize>(block: &TetBlock<R>, first: usize) -> [Vec3<Wide<R, W>>; 3] {
-    std::array::from_fn(|a| Vec3(std::array::from_fn(|i| load(&block.gradient[a][i], first))))
+    let b = &block.gradient;
+    [
+        Vec3([load(&b[0][0], first), load(&b[0][1], first), load(&b[0][2], first)]),
+        Vec3([load(&b[1][0], first), load(&b[1][1], first), load(&b[1][2], first)]),
+        Vec3([load(&b[2][0], first), load(&b[2][1], first), load(&b[2][2], first)]),
+    ]
 }
 
 /// Rotations of a task's cells, and what the assembly reads: the rotated gradients R g_a of each cell, with V lam, V mu, b in
@@ -123,15 +142,15 @@ impl<R: Scalar> Kernel for Linearise<'_, R> {
                     break;
                 }
                 let g = gradients::<R, W>(block, first);
-                let mut q = std::array::from_fn(|c| load::<R, W>(&self.q[k][c], first));
+                let mut q = load_q::<R, W>(&self.q[k], first);
                 if self.rotate {
-                    q = polar(gradient_of(|a| gather(self.position, self.nodes, cell, a), g), q);
+                    q = polar(gradient_of(corners(self.position, self.nodes, cell), g), q);
                     for c in 0..4 {
                         store(&mut self.q[k][c], first, q[c]);
                     }
                 }
                 let rot = rotation(q);
-                let w = g.map(|g| rot * g);
+                let w = [rot * g[0], rot * g[1], rot * g[2]];
                 let w = [-(w[0] + w[1] + w[2]), w[0], w[1], w[2]];
                 let constants = [
                     load::<R, W>(&block.lambda, first),
@@ -171,29 +190,32 @@ impl<R: Scalar> Kernel for Force<'_, R> {
                     break;
                 }
                 let g = gradients::<R, W>(block, first);
-                let rot = rotation(std::array::from_fn(|c| load::<R, W>(&self.q[k][c], first)));
+                let rot = rotation(load_q::<R, W>(&self.q[k], first));
                 let (lambda, mu) = (load::<R, W>(&block.lambda, first), load::<R, W>(&block.mu, first));
                 let two = Wide::constant(2.0);
-                let F = gradient_of(|a| gather(self.position, self.nodes, cell, a), g);
+                let F = gradient_of(corners(self.position, self.nodes, cell), g);
                 // corotated strain and the energy in it
                 let mut E = symmetric(rot.transpose() * F) - Mat3::identity();
                 let t = E.trace();
                 let square = E.row(0).dot(E.row(0)) + E.row(1).dot(E.row(1)) + E.row(2).dot(E.row(2));
                 let energy = mu * square + lambda * t * t * Wide::constant(0.5);
                 // K y is linear in the strain of y = d + b v
-                let b = load::<R, W>(&block.damping, first) + Wide::splat(self.increment.damping);
-                let at = |y, a| gather::<R, W, 4>(y, self.nodes, cell, a);
-                let dF = match (self.increment.displacement, self.increment.velocity) {
-                    (Some(d), Some(v)) => Some(gradient_of(|a| at(d, a) + at(v, a).scale(b), g)),
-                    (Some(d), None) => Some(gradient_of(|a| at(d, a), g)),
-                    (None, Some(v)) => Some(gradient_of(|a| at(v, a).scale(b), g)),
-                    (None, None) => None,
-                };
-                if let Some(dF) = dF {
-                    E += symmetric(rot.transpose() * dF);
+                if self.increment.displacement.is_some() || self.increment.velocity.is_some() {
+                    let mut y = [Vec3::zero(); 4];
+                    if let Some(d) = self.increment.displacement {
+                        y = corners(d, self.nodes, cell);
+                    }
+                    if let Some(v) = self.increment.velocity {
+                        let b = load::<R, W>(&block.damping, first) + Wide::splat(self.increment.damping);
+                        let v = corners(v, self.nodes, cell);
+                        for a in 0..4 {
+                            y[a] += v[a].scale(b);
+                        }
+                    }
+                    E += symmetric(rot.transpose() * gradient_of(y, g));
                 }
                 let P = rot * (E.scale(two * mu) + Mat3::diagonal(lambda * E.trace()));
-                let f = g.map(|g| P * g);
+                let f = [P * g[0], P * g[1], P * g[2]];
                 let f = [-(f[0] + f[1] + f[2]), f[0], f[1], f[2]];
                 for (i, out) in self.force[cell..].iter_mut().take(W).enumerate() {
                     for a in 0..4 {

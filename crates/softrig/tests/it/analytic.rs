@@ -321,6 +321,35 @@ fn a_failed_step_changes_nothing() {
     assert_ne!(state, before);
 }
 
+/// A history put into a new body goes on with the same bits, in the order of the mesh's cells.
+#[test]
+fn a_restored_history_goes_on_bit_for_bit() {
+    let mut mesh = tet_box([3, 2, 2], 0.1);
+    mesh.tets.reverse();
+    let c = hex_box([1, 1, 1], 0.1);
+    let first = mesh.nodes.len() as u32;
+    mesh.nodes.extend(c.nodes.iter().map(|p| [p[0] + 1.0, p[1], p[2]]));
+    mesh.hexes.push(c.hexes[0].map(|n| n + first));
+    let new = || body::<f32>(mesh.clone(), material(2e4, 0.4), ElasticModel::Corotated, |X| X[0] < 1e-9);
+    let mut b = new();
+    let force = b.weight([0.0, -9.81, 0.0]);
+    let mut state = rest(&b);
+    let step = |b: &mut Body<f32>, state: &mut State<f32>| {
+        still_step(&mut *Dynamics::Lively.integrator(), b, &mut Dense::default(), &force, 1.0 / 60.0, state).unwrap();
+    };
+    (0..5).for_each(|_| step(&mut b, &mut state));
+    let (saved, history) = (state.clone(), b.model.history());
+    assert_eq!(history.len(), b.mesh.cell_count());
+    (0..5).for_each(|_| step(&mut b, &mut state));
+    let mut restored = new();
+    restored.model.restore(&history);
+    assert_eq!(restored.model.history(), history);
+    let mut again = saved;
+    (0..5).for_each(|_| step(&mut restored, &mut again));
+    assert_eq!(again, state);
+    assert_eq!(restored.model.history(), b.model.history());
+}
+
 /// Nodes that no cell has (as importers leave them) stay where they are and harm nobody.
 #[test]
 fn a_node_without_a_cell_stays_where_it_is() {
