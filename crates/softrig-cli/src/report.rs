@@ -18,6 +18,8 @@ pub struct BakeReport {
     pub frames: usize,
     /// Frames per second of the result [1/s].
     pub fps: f64,
+    /// Time in the clip, counted as its keys are, of the first frame of the result [s].
+    pub start_time_s: f64,
     /// Cells of the body.
     pub cells: usize,
     /// `hex` or `tet`.
@@ -54,18 +56,28 @@ pub struct BakeReport {
     pub unconverged_steps: usize,
     /// Jumps of the clip that were not simulated through.
     pub teleports: usize,
-    /// Time of a frame's simulation: median [ms].
+    /// Time of a frame's simulation, all of its steps: median [ms].
+    pub frame_ms_median: f64,
+    /// Time of a frame's simulation, all of its steps: 95th percentile [ms].
+    pub frame_ms_p95: f64,
+    /// Time of one step, where the steps of a frame share its time evenly: median [ms].
     pub step_ms_median: f64,
-    /// Time of a frame's simulation: 95th percentile [ms].
+    /// Time of one step, where the steps of a frame share its time evenly: 95th percentile [ms].
     pub step_ms_p95: f64,
-    /// Linear iterations of a frame: mean.
+    /// Steps in a second of simulation [1/s].
+    pub steps_per_second: f64,
+    /// Seconds of simulation after the pre-roll, without reading and writing [s].
+    pub simulation_seconds: f64,
+    /// Linear iterations of a step: mean.
     pub iterations_mean: f64,
     /// Largest true relative residual of a linear solve [-].
     pub residual_max: f64,
     /// Largest distance between a bound node and where its bones are [m].
     pub attachment_gap_max_m: f64,
-    /// Largest relative change of a bone's length [-]: clips may move joints.
+    /// Largest relative deviation of a bone's length from what the clip gives it [-].
     pub bone_length_error_max: f64,
+    /// Largest relative change of a bone's length by the clip itself [-]: clips may move joints.
+    pub clip_bone_length_change_max: f64,
     /// Smallest volume of the whole body over that at rest [-].
     pub volume_ratio_min: f64,
     /// Largest volume of the whole body over that at rest [-].

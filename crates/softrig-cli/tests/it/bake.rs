@@ -37,6 +37,11 @@ fn a_bake_reports_every_documented_key_and_writes_a_cache() {
         "residual_max",
         "attachment_gap_max_m",
         "bone_length_error_max",
+        "clip_bone_length_change_max",
+        "start_time_s",
+        "frame_ms_median",
+        "frame_ms_p95",
+        "steps_per_second",
         "volume_ratio_min",
         "volume_ratio_max",
         "inverted_cells_max",
@@ -52,6 +57,13 @@ fn a_bake_reports_every_documented_key_and_writes_a_cache() {
     assert_eq!(report["frames"], 6);
     assert!(report["attachment_gap_max_m"].as_f64().unwrap() < 1e-9, "{report}");
     assert!(report["residual_max"].as_f64().unwrap() <= 1e-6, "{report}");
+    // one way the bones are those of the clip; what the clip does to them is another number
+    assert!(report["bone_length_error_max"].as_f64().unwrap() < 1e-12, "{report}");
+    // a second of work holds the steps it says
+    let time = |key: &str| report[key].as_f64().unwrap();
+    assert!(time("step_ms_median") <= time("frame_ms_median") && time("step_ms_p95") <= time("frame_ms_p95"));
+    let per_second = report["steps"].as_f64().unwrap() / time("simulation_seconds");
+    assert!((time("steps_per_second") - per_second).abs() <= 1e-6 * per_second, "{report}");
     let volume = (report["volume_ratio_min"].as_f64().unwrap(), report["volume_ratio_max"].as_f64().unwrap());
     assert!(volume.0 > 0.9 && volume.1 < 1.1, "{volume:?}");
     // the documented keys are those of the report

@@ -4,7 +4,7 @@ use crate::report::{BakeReport, quantile};
 use serde::{Deserialize, Serialize};
 use softrig::couple::Binding;
 use softrig::mesh::{VolumeMesh, deformation_stats};
-use softrig::rig::{Pose, Skeleton};
+use softrig::rig::{JointId, Pose, Skeleton, Transform};
 use softrig::simulation::FrameReport;
 use std::time::Duration;
 
@@ -17,10 +17,12 @@ pub struct Measures {
     unconverged_steps: usize,
     teleports: usize,
     iterations: usize,
-    frame_ms: Vec<f64>,
+    /// Time and number of steps of each frame but the first.
+    frames: Vec<(f64, usize)>,
     residual_max: f64,
     attachment_gap_max: f64,
     bone_length_error_max: f64,
+    clip_bone_length_change_max: f64,
     volume: (f64, f64),
     cell_volume: (f64, f64),
     inverted_cells_max: usize,
@@ -35,10 +37,11 @@ impl Default for Measures {
             unconverged_steps: 0,
             teleports: 0,
             iterations: 0,
-            frame_ms: Vec::new(),
+            frames: Vec::new(),
             residual_max: 0.0,
             attachment_gap_max: 0.0,
             bone_length_error_max: 0.0,
+            clip_bone_length_change_max: 0.0,
             volume: (f64::INFINITY, f64::NEG_INFINITY),
             cell_volume: (f64::INFINITY, f64::NEG_INFINITY),
             inverted_cells_max: 0,
@@ -57,7 +60,7 @@ impl Measures {
             self.steps += report.substeps;
             self.substeps += report.substeps.saturating_sub(1);
             self.iterations += report.iterations;
-            self.frame_ms.push(1e3 * took.as_secs_f64());
+            self.frames.push((1e3 * took.as_secs_f64(), report.substeps));
         }
     }
 
@@ -71,17 +74,22 @@ impl Measures {
         self.attachment_gap_max = self.attachment_gap_max.max(attachment_gap);
     }
 
-    /// Measures the bones in one frame: by how much joints that hold flesh moved away from their parents.
-    pub fn add_pose(&mut self, skeleton: &Skeleton, binding: &Binding, pose: &Pose, height: f64) {
-        let distance = |a: [f64; 3], b: [f64; 3]| (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt();
+    /// Measures the bones in one frame: how far the realised `pose` is from the lengths that the clip's local transforms
+    /// `locals` give them, and how far those are from the rest shape.
+    pub fn add_pose(&mut self, skeleton: &Skeleton, binding: &Binding, pose: &Pose, locals: &[Transform], height: f64) {
+        let distance = |a: [f64; 3], b: [f64; 3]| length([a[0] - b[0], a[1] - b[1], a[2] - b[2]]);
         for bone in &binding.bones {
             let joint = skeleton.joint(bone.joint);
             let Some(parent) = joint.parent else { continue };
             let rest = distance(joint.rest.translation, skeleton.joint(parent).rest.translation);
             // joints on top of each other have no length to compare with
             if rest > 1e-3 * height {
+                let clip = clip_length(skeleton, bone.joint, locals);
                 let now = distance(pose.joint(bone.joint).translation, pose.joint(parent).translation);
-                self.bone_length_error_max = self.bone_length_error_max.max((now / rest - 1.0).abs());
+                // a clip may shrink a bone to nothing
+                let scale = clip.max(1e-3 * rest);
+                self.bone_length_error_max = self.bone_length_error_max.max((now - clip).abs() / scale);
+                self.clip_bone_length_change_max = self.clip_bone_length_change_max.max((clip / rest - 1.0).abs());
             }
         }
     }
@@ -93,14 +101,93 @@ impl Measures {
         report.guarded_steps = self.guarded_steps;
         report.unconverged_steps = self.unconverged_steps;
         report.teleports = self.teleports;
-        report.step_ms_median = quantile(&self.frame_ms, 0.5);
-        report.step_ms_p95 = quantile(&self.frame_ms, 0.95);
-        report.iterations_mean = self.iterations as f64 / self.frame_ms.len().max(1) as f64;
+        let frame_ms: Vec<f64> = self.frames.iter().map(|(ms, _)| *ms).collect();
+        // the steps of one frame share its time evenly
+        let shares = self.frames.iter().flat_map(|(ms, n)| std::iter::repeat_n(ms / (*n).max(1) as f64, *n));
+        let step_ms: Vec<f64> = shares.collect();
+        report.frame_ms_median = quantile(&frame_ms, 0.5);
+        report.frame_ms_p95 = quantile(&frame_ms, 0.95);
+        report.step_ms_median = quantile(&step_ms, 0.5);
+        report.step_ms_p95 = quantile(&step_ms, 0.95);
+        report.simulation_seconds = 1e-3 * frame_ms.iter().sum::<f64>();
+        report.steps_per_second = match report.simulation_seconds {
+            seconds if seconds > 0.0 => self.steps as f64 / seconds,
+            _ => 0.0,
+        };
+        report.iterations_mean = self.iterations as f64 / self.steps.max(1) as f64;
         report.residual_max = self.residual_max;
         report.attachment_gap_max_m = self.attachment_gap_max;
         report.bone_length_error_max = self.bone_length_error_max;
+        report.clip_bone_length_change_max = self.clip_bone_length_change_max;
         (report.volume_ratio_min, report.volume_ratio_max) = self.volume;
         (report.cell_volume_ratio_p01, report.cell_volume_ratio_p99) = self.cell_volume;
         report.inverted_cells_max = self.inverted_cells_max;
+    }
+}
+
+/// Distance of a joint from its parent as a clip's local transforms have it [m]: the offset carried up to the world, link by
+/// link, without a pose.
+fn clip_length(skeleton: &Skeleton, id: JointId, locals: &[Transform]) -> f64 {
+    let local = |id: JointId| skeleton.joint(id).local_matrix.unwrap_or_else(|| locals[id.index()].to_affine());
+    let mut offset = local(id).translation;
+    let mut above = skeleton.joint(id).parent;
+    while let Some(parent) = above {
+        offset = local(parent).vector(offset);
+        above = skeleton.joint(parent).parent;
+    }
+    length(skeleton.to_world().vector(offset))
+}
+
+fn length(v: [f64; 3]) -> f64 {
+    v.iter().map(|x| x * x).sum::<f64>().sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use softrig::couple::BindSettings;
+    use softrig::mesh::{LatticeOptions, Resolution, voxelize};
+
+    /// What a clip does to bones and what a simulation does to them are told apart, each by a pose that does only that.
+    #[test]
+    fn changes_of_the_clip_are_no_errors_of_the_pose() {
+        let character = softrig::sample::character();
+        let options = LatticeOptions { resolution: Resolution::Cells(1000), ..LatticeOptions::default() };
+        let volume = voxelize(&character.surface(true), &options).unwrap();
+        let binding = Binding::new(&character, &volume, &BindSettings::default()).unwrap();
+        let skeleton = &character.skeleton;
+        let measure = |pose: &Pose, locals: &[Transform]| {
+            let mut measures = Measures::default();
+            measures.add_pose(skeleton, &binding, pose, locals, character.height());
+            (measures.bone_length_error_max, measures.clip_bone_length_change_max)
+        };
+        let still = character.clips[0].sample(skeleton, 0.3);
+        let (error, change) = measure(&skeleton.pose(&still), &still);
+        assert!(error < 1e-12 && change < 1e-6, "{error} {change}");
+        // the clip stretches every bone by a tenth, and the pose follows
+        let mut stretched = still.clone();
+        stretched.iter_mut().for_each(|t| t.translation = t.translation.map(|v| 1.1 * v));
+        let (error, change) = measure(&skeleton.pose(&stretched), &stretched);
+        assert!(error < 1e-12 && (change - 0.1).abs() < 1e-6, "{error} {change}");
+        // the clip does not, the pose does
+        let (error, change) = measure(&skeleton.pose(&stretched), &still);
+        assert!((error - 0.1).abs() < 1e-6 && change < 1e-6, "{error} {change}");
+        assert!(binding.bones.len() > 5);
+    }
+
+    /// A slow frame of many steps is not a slow step.
+    #[test]
+    fn times_are_told_per_frame_and_per_step() {
+        let mut measures = Measures::default();
+        for (substeps, ms) in [(1, 10), (1, 10), (4, 40)] {
+            let report = FrameReport { substeps, iterations: 3 * substeps, ..FrameReport::default() };
+            measures.add_advance(&report, Some(Duration::from_millis(ms)));
+        }
+        let mut report = BakeReport::default();
+        measures.report(&mut report);
+        assert_eq!((report.frame_ms_median, report.frame_ms_p95), (10.0, 40.0));
+        assert_eq!((report.step_ms_median, report.step_ms_p95), (10.0, 10.0));
+        assert_eq!((report.steps, report.substeps, report.iterations_mean), (6, 3, 3.0));
+        assert!((report.steps_per_second - 100.0).abs() < 1e-9, "{}", report.steps_per_second);
     }
 }

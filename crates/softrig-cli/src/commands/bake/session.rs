@@ -88,7 +88,9 @@ fn bake<R: Scalar>(job: &Job<'_>, forces: Option<&mut Forces>) -> Result<BakeRep
     .map_err(|e| Failure::reading(&scene.character, &e))?;
     let setup = prepared.took + begun.elapsed();
 
-    let header = header(job, from.offset, count);
+    // where the first frame lies in the clip's own time
+    let start_time = job.clip.start + from.offset * scene.motion.speed;
+    let header = header(job, start_time, count);
     // from here on there are frames to be kept
     let graceful = Graceful::begin();
     let (mut journal, mut measures, mut next, finished) = open(job, header, &mut simulation, &from)?;
@@ -105,7 +107,8 @@ fn bake<R: Scalar>(job: &Job<'_>, forces: Option<&mut Forces>) -> Result<BakeRep
             let gap = simulation.attachment_gap();
             let frame = simulation.frame(next);
             measures.add_shape(&prepared.volume, frame.nodes, gap);
-            measures.add_pose(skeleton, &prepared.binding, frame.pose, prepared.character.height());
+            let locals = job.clip.sample(skeleton, start_time + frame.time * scene.motion.speed);
+            measures.add_pose(skeleton, &prepared.binding, frame.pose, &locals, prepared.character.height());
             journal.frame(&frame).map_err(|e| journal_failure(&e))?;
             next += 1;
             progress.step();
@@ -138,6 +141,7 @@ fn bake<R: Scalar>(job: &Job<'_>, forces: Option<&mut Forces>) -> Result<BakeRep
         outputs: exported.files.iter().map(|f| f.display().to_string()).collect(),
         frames: count,
         fps,
+        start_time_s: start_time,
         cells: prepared.volume.cell_count(),
         cell_kind: if prepared.volume.tets.is_empty() { "hex" } else { "tet" }.into(),
         spacing_m: prepared.volume.lattice.as_ref().map_or(0.0, |l| l.spacing),
@@ -185,14 +189,14 @@ fn frames(scene: &Scene, motion: &ClipMotion<'_>, name: &str) -> Result<std::ops
     Ok(wanted.start..end)
 }
 
-fn header(job: &Job<'_>, offset: f64, count: usize) -> JournalHeader {
+fn header(job: &Job<'_>, start_time: f64, count: usize) -> JournalHeader {
     let prepared = job.prepared;
     let meshes = prepared.character.meshes.iter();
     JournalHeader {
         input_hash: resume::input_hash(job),
         origin: resume::origin(job),
         fps: job.scene.motion.fps,
-        start_time: job.clip.start + offset * job.scene.motion.speed,
+        start_time,
         frame_count: count as u64,
         joint_count: prepared.character.skeleton.joint_count() as u32,
         meshes: meshes.map(|m| JournalMesh { name: m.name.clone(), vertex_count: m.positions.len() as u32 }).collect(),
@@ -308,8 +312,12 @@ fn say(report: &BakeReport) {
         report.clip, report.frames, report.cells, report.cell_kind, report.nodes, report.bound_nodes, report.bones
     ));
     ui::note(format_args!(
-        "{:.1} ms a frame, volume {:.3} to {:.3} of rest, at most {} inverted cells",
-        report.step_ms_median, report.volume_ratio_min, report.volume_ratio_max, report.inverted_cells_max
+        "{:.1} ms a frame ({:.1} steps a second), volume {:.3} to {:.3} of rest, at most {} inverted cells",
+        report.frame_ms_median,
+        report.steps_per_second,
+        report.volume_ratio_min,
+        report.volume_ratio_max,
+        report.inverted_cells_max
     ));
     let odd = [
         (report.guarded_steps, "steps were done again with implicit Euler (the growth guard)"),
@@ -319,10 +327,10 @@ fn say(report: &BakeReport) {
     for (count, what) in odd.into_iter().filter(|(count, _)| *count > 0) {
         ui::warn(format_args!("{count} {what}"));
     }
-    if report.bone_length_error_max > 1e-3 {
+    if report.clip_bone_length_change_max > 1e-3 {
         ui::warn(format_args!(
             "the clip moves joints: bones change their length by up to {:.1} %, and flesh follows",
-            100.0 * report.bone_length_error_max
+            100.0 * report.clip_bone_length_change_max
         ));
     }
 }
