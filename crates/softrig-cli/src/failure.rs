@@ -1,5 +1,6 @@
 //! Why a command ended without doing its work, and the exit code that says so.
 
+use softrig_io::in_words;
 use std::error::Error;
 use std::io;
 use std::path::Path;
@@ -84,7 +85,7 @@ fn plain(error: &(dyn Error + 'static)) -> String {
     let mut text = String::new();
     for e in chain(error) {
         let part = match e.downcast_ref::<io::Error>() {
-            Some(e) => plain_io(e),
+            Some(e) => in_words(e),
             None => e.to_string(),
         };
         if text.is_empty() {
@@ -94,20 +95,6 @@ fn plain(error: &(dyn Error + 'static)) -> String {
         }
     }
     text
-}
-
-/// System errors in words, without the number.
-fn plain_io(error: &io::Error) -> String {
-    match error.kind() {
-        io::ErrorKind::NotFound => "no such file".into(),
-        io::ErrorKind::PermissionDenied => "permission denied".into(),
-        io::ErrorKind::IsADirectory => "is a folder, a file is needed".into(),
-        io::ErrorKind::StorageFull => "the disk is full".into(),
-        _ => {
-            let text = error.to_string();
-            text.split(" (os error").next().unwrap_or(&text).to_owned()
-        }
-    }
 }
 
 #[cfg(test)]
@@ -124,7 +111,7 @@ mod tests {
         let missing = Failure::reading(at, &Outer(io::ErrorKind::NotFound.into()));
         assert_eq!(
             (missing.exit_code(), missing.to_string().as_str()),
-            (1, "a.glb: cannot read the buffer: no such file")
+            (1, "a.glb: cannot read the buffer: no such file or folder")
         );
         let locked = Failure::reading(at, &Outer(io::ErrorKind::PermissionDenied.into()));
         assert_eq!(locked.exit_code(), 3);

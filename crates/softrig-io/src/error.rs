@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 #[non_exhaustive]
 pub enum ImportError {
     /// The operating system would not give the bytes.
-    #[error("cannot read {}: {source}", file.display())]
+    #[error("cannot read {}: {}", file.display(), in_words(source))]
     Io {
         /// The file asked for.
         file: PathBuf,
@@ -118,6 +118,26 @@ impl ImportError {
     pub fn is_machine_fault(&self) -> bool {
         use std::io::ErrorKind::{InvalidInput, IsADirectory, NotADirectory, NotFound};
         matches!(self, Self::Io { source, .. } if !matches!(source.kind(), NotFound | InvalidInput | IsADirectory | NotADirectory))
+    }
+}
+
+/// What the system said, without its numbers and our temporary names.
+#[must_use]
+pub fn in_words(error: &std::io::Error) -> String {
+    use std::io::ErrorKind as K;
+    match error.kind() {
+        K::NotFound => "no such file or folder".into(),
+        K::PermissionDenied => "permission denied".into(),
+        K::IsADirectory => "is a folder, a file is needed".into(),
+        K::NotADirectory => "a part of this path is a file, not a folder".into(),
+        K::StorageFull => "the disk is full".into(),
+        K::QuotaExceeded => "the quota of this disk is used up".into(),
+        K::FileTooLarge => "the file may not grow any larger here".into(),
+        K::ReadOnlyFilesystem => "the disk can only be read".into(),
+        _ => {
+            let text = error.to_string();
+            text.split(" (os error").next().unwrap_or(&text).to_owned()
+        }
     }
 }
 

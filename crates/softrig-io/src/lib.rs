@@ -17,6 +17,6 @@ mod names;
 mod source;
 mod text;
 
-pub use error::{ImportError, Place};
+pub use error::{ImportError, Place, in_words};
 pub use import::{ImportOptions, import};
 pub use units::UpAxis;

@@ -4,6 +4,7 @@
 
 mod bake;
 mod characters;
+mod disk;
 mod docs;
 mod real;
 mod shared;

@@ -19,6 +19,7 @@ mod vtu;
 pub use cache_reader::{CacheError, PointCache};
 pub(crate) use output::temporary_beside;
 
+use crate::error::in_words;
 use crate::journal::{Existing, JournalError, JournalReader};
 use softrig::character::Character;
 use std::io::{Read, Seek};
@@ -63,7 +64,9 @@ impl Format {
             Some("usda") => Ok(Self::Usda),
             Some("vtu" | "pvd") => Ok(Self::Vtu),
             None => Ok(Self::ObjSeries),
-            Some("usdc" | "usd" | "usdz") => refuse("use .usda, which every USD program reads"),
+            Some("usdc" | "usd" | "usdz") => {
+                refuse("use .usda, which every USD program reads; `usdcat out.usda -o out.usdc` makes it binary")
+            }
             Some("gltf") => refuse("use .glb, the same in one file"),
             Some("abc") => refuse("use .usda or .pc2, which the programs that read Alembic read too"),
             Some("fbx") => refuse("use .glb, .usda or .pc2"),
@@ -124,7 +127,11 @@ pub struct ExportReport {
 #[non_exhaustive]
 pub enum ExportError {
     /// The operating system refused.
-    #[error("cannot write {}: {source}; the frames are safe in the journal, `softrig convert` makes the output from it", file.display())]
+    #[error(
+        "cannot write {}: {}; the frames are safe in the journal: --resume tries again, `softrig convert` writes it elsewhere",
+        file.display(),
+        in_words(source)
+    )]
     Io {
         /// The output.
         file: PathBuf,

@@ -23,6 +23,7 @@ pub use format::{JournalHeader, JournalMesh, JournalVolume};
 pub use reader::{JournalFrame, JournalReader, Tail};
 pub use writer::{Existing, JournalWriter, ResumePoint};
 
+use crate::error::in_words;
 use std::path::{Path, PathBuf};
 
 /// State of the simulation after some frames, as its owner wrote it.
@@ -39,12 +40,18 @@ pub struct StoredCheckpoint {
 #[non_exhaustive]
 pub enum JournalError {
     /// The operating system refused.
-    #[error("{}: {source}; frames already written stay valid", file.display())]
+    #[error("{}: {}; frames already written stay valid, {} and go on with --resume", file.display(), in_words(source), remedy(source))]
     Io {
         /// The journal.
         file: PathBuf,
         /// What the system said.
         source: std::io::Error,
+    },
+    /// There is none.
+    #[error("there is no journal {}; a finished bake leaves only its result, a stopped one its journal beside it", file.display())]
+    Missing {
+        /// The journal asked for.
+        file: PathBuf,
     },
     /// There is one already.
     #[error(
@@ -130,7 +137,17 @@ impl JournalError {
     /// Whether the machine is at fault (disk full, no permission) and not what was asked for.
     #[must_use]
     pub fn is_machine_fault(&self) -> bool {
-        matches!(self, Self::Io { source, .. } if source.kind() != std::io::ErrorKind::NotFound)
+        matches!(self, Self::Io { .. })
+    }
+}
+
+/// What to do about a refusal of the system before a bake can go on.
+fn remedy(error: &std::io::Error) -> &'static str {
+    use std::io::ErrorKind as K;
+    match error.kind() {
+        K::StorageFull | K::QuotaExceeded | K::FileTooLarge => "make room",
+        K::PermissionDenied | K::ReadOnlyFilesystem => "make it writable",
+        _ => "put it right",
     }
 }
 

@@ -214,7 +214,7 @@ fn open<R: Scalar>(
     let target = job.target;
     if target.policy != Policy::Resume || !target.journal.exists() {
         let existing = if target.policy == Policy::Refuse { Existing::Refuse } else { Existing::Replace };
-        let journal = JournalWriter::create(&target.journal, header, existing).map_err(|e| creation_failure(&e))?;
+        let journal = JournalWriter::create(&target.journal, header, existing).map_err(|e| journal_failure(&e))?;
         return Ok((journal, Measures::default(), 0, false));
     }
     let (journal, point) = JournalWriter::resume(&target.journal, header).map_err(|e| journal_failure(&e))?;
@@ -287,17 +287,7 @@ fn stopped(job: &Job<'_>, frame: usize, error: &softrig::integrate::StepError) -
 
 /// A journal that could not be read or written, with its exit code.
 pub fn journal_failure(error: &JournalError) -> Failure {
-    if let JournalError::Io { file, source } = error
-        && source.kind() == std::io::ErrorKind::NotFound
-    {
-        return Failure::reading(file, source);
-    }
     if error.is_machine_fault() { Failure::Machine(error.to_string()) } else { Failure::Input(error.to_string()) }
-}
-
-/// A journal that could not be begun: the input has been read by then, so what the system refuses is the machine's.
-fn creation_failure(error: &JournalError) -> Failure {
-    if matches!(error, JournalError::Io { .. }) { Failure::Machine(error.to_string()) } else { journal_failure(error) }
 }
 
 /// A result that could not be made, with its exit code.
