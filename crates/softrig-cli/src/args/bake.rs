@@ -44,7 +44,7 @@ pub struct BakeArgs {
     /// Character (.glb .gltf), or a scene (.toml) that names one
     pub file: PathBuf,
     /// What to write: .pc2 .mdd .usda .glb .vtu, or a folder for an OBJ series. A character of several meshes makes a folder
-    /// with one cache for each
+    /// with one cache for each. Folders that are not there are made
     #[arg(short, long, value_name = "OUT", required_unless_present = "write_scene")]
     pub output: Option<PathBuf>,
 

@@ -1,6 +1,9 @@
 //! `softrig convert`: between formats, and from the journal of a stopped bake to any cache.
 
-use super::bake::{Policy, Target, clips, export_failure, journal_failure, refuse_existing, write_whole};
+use super::bake::{
+    Policy, Target, check_folder_of, clips, export_failure, journal_failure, make_folder_of, refuse_existing,
+    write_whole,
+};
 use super::mesh;
 use super::render::{Frames, journal_scene};
 use crate::args::ConvertArgs;
@@ -22,6 +25,7 @@ use std::path::Path;
 pub fn run(args: &ConvertArgs) -> Outcome {
     let (input, output) = (&args.input, &args.output);
     refuse_existing(output, policy(args))?;
+    check_folder_of(output)?;
     let to_bvh = crate::scene::is_bvh(output);
     match load::kind(input) {
         FileKind::Journal => from_journal(args)?,
@@ -102,6 +106,7 @@ fn export_journal(args: &ConvertArgs, journal: &mut JournalReader, character: &C
         return Err(unsupported(args, "journals are made by bakes only"));
     };
     let options = target.export_options_as(policy(args));
+    make_folder_of(&args.output)?;
     let report = export::write(journal, character, format, &args.output, &options).map_err(|e| export_failure(&e))?;
     report.notes.iter().for_each(ui::warn);
     Ok(())

@@ -117,7 +117,9 @@ fn what_is_missing_is_said() {
         (&["bake", "tri.obj", "-o", "o.pc2"][..], 1, "surface without a rig"),
         (&["bake", "sample", "-o", "o.pc2", "--clip", "fly"], 1, "it has: "),
         (&["bake", "sample", "-o", "o.xyz"], 2, ".pc2"),
-        (&["bake", "sample", "-o", "nowhere/o.pc2"], 3, "does not exist"),
+        (&["bake", "sample", "-o", "tri.obj/o.pc2"], 1, "tri.obj is a file"),
+        (&["bake", "sample", "-o", "o.usdc"], 2, "usdcat"),
+        (&["convert", "gone.softrig-journal", "o.pc2"], 1, "gone.softrig-journal"),
         (&["bake", "sample", "-o", "o.pc2", "--frames", "90000.."], 1, "has frames 0.."),
     ] {
         let (got, _, err) = said(&softrig(dir.path(), args));
@@ -238,4 +240,40 @@ fn a_cache_is_drawn_with_its_character() {
         assert_eq!(code, Some(0), "{err}");
     }
     assert!(read(dir.path(), "o.png").starts_with(b"\x89PNG") && read(dir.path(), "o.gif").starts_with(b"GIF89a"));
+}
+
+/// A result may go where no folder is yet; nothing is left there when the input is wrong.
+#[test]
+fn the_folder_of_a_result_is_made() {
+    let dir = folder();
+    let args = with(&["-o", "new/deep/o.pc2", "--report", "reports/r.json", "--forces", "forces/f.csv"]);
+    let (code, _, err) = said(&softrig(dir.path(), &args));
+    assert_eq!(code, Some(0), "{err}");
+    for file in ["new/deep/o.pc2", "reports/r.json", "forces/f.csv"] {
+        assert!(dir.path().join(file).is_file(), "{file}");
+    }
+    for (args, out) in [
+        (&["convert", "new/deep/o.pc2", "c/o.usda", "--with", "sample"][..], "c/o.usda"),
+        (&["convert", "sample", "b/o.bvh"], "b/o.bvh"),
+        (&["mesh", "sample", "-o", "m/o.vtu", "--cells", "1000"], "m/o.vtu"),
+        (&["render", "sample", "-o", "p/o.png", "--size", "64x64"], "p/o.png"),
+        (&["render", "sample", "-o", "g/o.gif", "--size", "64x64", "--frames", "0..2"], "g/o.gif"),
+        (&["bake", "sample", "--write-scene", "s/o.toml"], "s/o.toml"),
+    ] {
+        let (code, _, err) = said(&softrig(dir.path(), args));
+        assert!(code == Some(0) && dir.path().join(out).is_file(), "{args:?}: {err}");
+    }
+    let (code, _, _) = said(&softrig(dir.path(), &["bake", "nobody.glb", "-o", "empty/o.pc2"]));
+    assert!(code == Some(1) && !dir.path().join("empty").exists());
+}
+
+/// The start of a window of a clip is said in the clip's own time.
+#[test]
+fn the_report_says_where_in_the_clip_it_starts() {
+    let dir = folder();
+    let args = ["bake", "sample", "--cells", "600", "--clip", "walk", "--frames", "6..8", "--speed", "2", "--json"];
+    let (code, out, err) = said(&softrig(dir.path(), &[&args[..], &["-o", "o.pc2"]].concat()));
+    assert_eq!(code, Some(0), "{err}");
+    let report: Value = serde_json::from_str(&out).unwrap();
+    assert_eq!(report["start_time_s"].as_f64().unwrap(), 2.0 * 6.0 / 30.0);
 }

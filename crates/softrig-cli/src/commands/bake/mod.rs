@@ -6,7 +6,7 @@ mod prepare;
 mod resume;
 mod session;
 
-pub use output::{Policy, Target, refuse_existing, write_whole, write_whole_with};
+pub use output::{Policy, Target, check_folder_of, make_folder_of, refuse_existing, write_whole, write_whole_with};
 pub use prepare::{Prepared, clips, volume};
 pub use session::{Job, bake_clip, export_failure, journal_failure};
 
@@ -40,6 +40,7 @@ pub fn run(args: &BakeArgs) -> Outcome {
     Target::new(out, policy, args.morphs)?;
     for side in [&args.report, &args.forces].into_iter().flatten() {
         refuse_existing(side, policy)?;
+        check_folder_of(side)?;
     }
     let character = load::scene_character(&scene)?;
     character.notes.iter().for_each(ui::warn);

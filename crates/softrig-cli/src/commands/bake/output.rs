@@ -37,8 +37,8 @@ impl Target {
     /// Looks at what is there, before any long work.
     ///
     /// # Errors
-    /// [`Failure::Usage`] for an ending that is no format, [`Failure::Input`] when something must not be replaced,
-    /// [`Failure::Machine`] when the folder is not there or cannot be written.
+    /// [`Failure::Usage`] for an ending that is no format, [`Failure::Input`] when something must not be replaced or there is
+    /// a file where a folder is needed.
     pub fn new(out: &Path, policy: Policy, morphs: Option<usize>) -> Result<Self, Failure> {
         let only_journal = out.extension().is_some_and(|e| e == "softrig-journal");
         let (format, journal) = if only_journal {
@@ -54,10 +54,7 @@ impl Target {
                 journal.display()
             )));
         }
-        let folder = folder_of(out);
-        if !folder.is_dir() {
-            return Err(Failure::Machine(format!("the folder {} does not exist; make it first", folder.display())));
-        }
+        check_folder_of(out)?;
         Ok(Self { out: out.to_owned(), format, journal, policy, morphs })
     }
 
@@ -99,6 +96,30 @@ fn folder_of(path: &Path) -> &Path {
     }
 }
 
+/// Looks whether the folder of a file is there or can be made; nothing is made.
+///
+/// # Errors
+/// [`Failure::Input`] names the file that is in the way.
+pub fn check_folder_of(path: &Path) -> Result<(), Failure> {
+    match folder_of(path).ancestors().find(|p| p.symlink_metadata().is_ok()) {
+        Some(there) if !there.is_dir() => Err(Failure::Input(format!(
+            "{} cannot be written: {} is a file, not a folder; choose another output",
+            path.display(),
+            there.display()
+        ))),
+        _ => Ok(()),
+    }
+}
+
+/// Makes the folder of a file, and those above it, where they are not there.
+///
+/// # Errors
+/// [`Failure::Machine`] when the system refuses.
+pub fn make_folder_of(path: &Path) -> Result<(), Failure> {
+    let folder = folder_of(path);
+    std::fs::create_dir_all(folder).map_err(|e| Failure::writing(path, &e))
+}
+
 /// Where one clip of several goes: its name comes before the ending.
 pub fn for_clip(out: &Path, name: &str, all: &[String]) -> PathBuf {
     let safe = |name: &str| -> String {
@@ -116,7 +137,7 @@ pub fn for_clip(out: &Path, name: &str, all: &[String]) -> PathBuf {
     out.with_file_name(format!("{stem}-{part}{ending}"))
 }
 
-/// Writes a file so that it is there whole or not at all.
+/// Writes a file, in a folder that is made if need be, so that it is there whole or not at all.
 ///
 /// # Errors
 /// [`Failure::Machine`] when the system refuses.
@@ -132,6 +153,7 @@ pub fn write_whole_with(
     path: &Path,
     content: impl FnOnce(&mut dyn Write) -> std::io::Result<()>,
 ) -> Result<(), Failure> {
+    make_folder_of(path)?;
     let mut name = path.file_name().unwrap_or_default().to_os_string();
     name.push(format!(".{}.part", std::process::id()));
     let part = path.with_file_name(name);

@@ -1,7 +1,7 @@
 //! One clip, from the first frame to the last: simulate, keep in the journal, export.
 
 use super::measure::Measures;
-use super::output::{Forces, Policy, Target};
+use super::output::{self, Forces, Policy, Target};
 use super::prepare::Prepared;
 use super::resume::{self, Snapshot};
 use crate::args::Precision;
@@ -219,6 +219,7 @@ fn open<R: Scalar>(
     }
     let (journal, point) = JournalWriter::resume(&target.journal, header).map_err(|e| journal_failure(&e))?;
     let Some(stored) = point.checkpoint else {
+        output::make_folder_of(&target.journal)?;
         return Ok((journal, Measures::default(), 0, point.finished));
     };
     let broken = |what: &str| Failure::Input(format!("{}: {what}; start over with --force", target.journal.display()));

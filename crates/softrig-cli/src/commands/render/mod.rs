@@ -7,7 +7,7 @@ pub use frames::{Frames, Shape, journal_scene};
 pub use picture::{Overlays, Painter};
 
 use crate::args::RenderArgs;
-use crate::commands::bake::{Policy, refuse_existing};
+use crate::commands::bake::{Policy, check_folder_of, make_folder_of, refuse_existing};
 use crate::failure::{Failure, Outcome};
 use crate::ui::{self, Progress};
 use softrig_render::{GifWriter, Image, PngSeries, RenderError};
@@ -34,11 +34,13 @@ pub fn run(args: &RenderArgs) -> Outcome {
         )));
     }
     refuse_existing(&args.output, if args.force { Policy::Replace } else { Policy::Refuse })?;
+    check_folder_of(&args.output)?;
     let mut frames = Frames::open(args, still)?;
     frames.character.notes.iter().for_each(ui::warn);
     let range = range(args, frames.count, still)?;
     let painter = Painter::new(&mut frames, args, range.clone())?;
     let fps = args.fps.unwrap_or(frames.fps);
+    make_folder_of(&args.output)?;
     let mut output = match ending.as_deref() {
         Some("png") => Output::Still,
         Some(_) => Output::Gif(GifWriter::create(&args.output, fps).map_err(|e| failure(&args.output, &e))?),
