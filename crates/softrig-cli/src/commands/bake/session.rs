@@ -323,5 +323,13 @@ fn say(report: &BakeReport) {
             "the clip moves joints: bones change their length by up to {:.1} %, and flesh follows",
             100.0 * report.clip_bone_length_change_max
         ));
+    // creases turn a few cells over; more than that is flesh that has lost its shape
+    let shapeless = report.inverted_cells_max as f64 > 0.003 * report.cells as f64;
+    if shapeless || report.volume_ratio_min < 0.9 || report.volume_ratio_max > 1.1 {
+        ui::warn(
+            "the flesh lost its shape in some frame: the motion is too violent for it; try --preset muscle or --dynamics calm, or let \
+             a bone carry a whole part of it (`whole = true` in a scene file)",
+        );
+    }
     }
 }
