@@ -6,6 +6,7 @@ mod bake;
 mod characters;
 mod disk;
 mod docs;
+mod journal;
 mod real;
 mod shared;
 mod usage;

@@ -2,10 +2,11 @@
 
 use super::measure::Measures;
 use super::session::Job;
-use crate::scene::Scene;
+use crate::scene::{Scene, is_bvh};
 use softrig::simulation::Checkpoint;
 use std::fmt::{self, Write};
 use std::hash::Hasher;
+use std::path::Path;
 use twox_hash::XxHash64;
 
 /// What a checkpoint of the journal holds.
@@ -56,9 +57,24 @@ pub fn input_hash(job: &Job<'_>) -> u64 {
     hash.0.finish()
 }
 
-/// Where the character came from and how it was read, so that `convert` and `render` find it again: a scene file's text.
+/// How to bake it again, and where `convert` and `render` find the character: a scene file's text. It begins with the program's
+/// version, and names the clip, whatever the command line left open.
 pub fn origin(job: &Job<'_>) -> String {
     let mut scene = job.scene.clone();
-    scene.character = scene.character.canonicalize().unwrap_or(scene.character);
-    toml::to_string(&scene).unwrap_or_default()
+    let absolute = |p: &Path| p.canonicalize().unwrap_or_else(|_| p.to_owned());
+    scene.character = absolute(&scene.character);
+    scene.motion.clip = match scene.motion.clip {
+        Some(file) if is_bvh(Path::new(&file)) => Some(absolute(Path::new(&file)).to_string_lossy().into_owned()),
+        _ => {
+            let clips = &job.prepared.character.clips;
+            let index = clips.iter().position(|c| c == job.clip);
+            // a number where the name stands for another clip
+            index.map(|i| match job.prepared.character.find_clip(&clips[i].name) {
+                Some(found) if found == i => clips[i].name.clone(),
+                _ => i.to_string(),
+            })
+        }
+    };
+    let program = concat!("# softrig ", env!("CARGO_PKG_VERSION"), "\n");
+    toml::to_string(&scene).map_or_else(|_| program.to_owned(), |text| format!("{program}{text}"))
 }

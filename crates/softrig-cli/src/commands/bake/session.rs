@@ -14,7 +14,7 @@ use softrig::frame::FrameSink;
 use softrig::mesh::components;
 use softrig::rig::{Clip, Pose};
 use softrig::simulation::{Checkpoint, ClipMotion, Motion, Simulation};
-use softrig_io::export::{self, ExportError, ExportReport};
+use softrig_io::export::{self, ExportError, ExportReport, Format};
 use softrig_io::journal::{
     Existing, JournalError, JournalFrame, JournalHeader, JournalMesh, JournalReader, JournalVolume, JournalWriter,
 };
@@ -200,26 +200,39 @@ fn header(job: &Job<'_>, start_time: f64, count: usize) -> JournalHeader {
         frame_count: count as u64,
         joint_count: prepared.character.skeleton.joint_count() as u32,
         meshes: meshes.map(|m| JournalMesh { name: m.name.clone(), vertex_count: m.positions.len() as u32 }).collect(),
-        volume: Some(JournalVolume { mesh: prepared.volume.clone(), materials: prepared.materials.clone() }),
+        // most of a frame would be nodes: they are kept for results that show them, and for a journal that is the result
+        volume: matches!(job.target.format, Some(Format::Vtu) | None).then(|| volume(job)),
     }
+}
+
+/// The volume mesh as a journal keeps it.
+fn volume(job: &Job<'_>) -> JournalVolume {
+    JournalVolume { mesh: job.prepared.volume.clone(), materials: job.prepared.materials.clone() }
 }
 
 /// Begins the journal, or goes on with it: then the simulation is where the journal's last checkpoint was.
 fn open<R: Scalar>(
     job: &Job<'_>,
-    header: JournalHeader,
+    mut header: JournalHeader,
     simulation: &mut Simulation<R>,
     motion: &dyn Motion,
 ) -> Result<(JournalWriter, Measures, usize, bool), Failure> {
     let target = job.target;
     if target.policy != Policy::Resume || !target.journal.exists() {
+        output::make_folder_of(&target.journal)?;
         let existing = if target.policy == Policy::Refuse { Existing::Refuse } else { Existing::Replace };
         let journal = JournalWriter::create(&target.journal, header, existing).map_err(|e| journal_failure(&e))?;
         return Ok((journal, Measures::default(), 0, false));
     }
+    let begun = JournalReader::open(&target.journal).map_err(|e| journal_failure(&e))?;
+    // a journal is gone on with as it was begun, with nodes or without, where the result can do with either
+    if target.format != Some(Format::Vtu) {
+        let wanted = begun.header().volume.is_some();
+        header.volume = wanted.then(|| volume(job));
+    }
+    drop(begun);
     let (journal, point) = JournalWriter::resume(&target.journal, header).map_err(|e| journal_failure(&e))?;
     let Some(stored) = point.checkpoint else {
-        output::make_folder_of(&target.journal)?;
         return Ok((journal, Measures::default(), 0, point.finished));
     };
     let broken = |what: &str| Failure::Input(format!("{}: {what}; start over with --force", target.journal.display()));
@@ -310,6 +323,14 @@ fn say(report: &BakeReport) {
         report.volume_ratio_max,
         report.inverted_cells_max
     ));
+    // creases turn a few cells over; more than that is flesh that has lost its shape
+    let shapeless = report.inverted_cells_max as f64 > 0.003 * report.cells as f64;
+    if shapeless || report.volume_ratio_min < 0.9 || report.volume_ratio_max > 1.1 {
+        ui::warn(
+            "the flesh lost its shape in some frame: the motion is too violent for it; try --preset muscle or --dynamics calm, or let \
+             a bone carry a whole part of it (`whole = true` in a scene file)",
+        );
+    }
     let odd = [
         (report.guarded_steps, "steps were done again with implicit Euler (the growth guard)"),
         (report.unconverged_steps, "steps did not reach the tolerance"),
@@ -323,13 +344,5 @@ fn say(report: &BakeReport) {
             "the clip moves joints: bones change their length by up to {:.1} %, and flesh follows",
             100.0 * report.clip_bone_length_change_max
         ));
-    // creases turn a few cells over; more than that is flesh that has lost its shape
-    let shapeless = report.inverted_cells_max as f64 > 0.003 * report.cells as f64;
-    if shapeless || report.volume_ratio_min < 0.9 || report.volume_ratio_max > 1.1 {
-        ui::warn(
-            "the flesh lost its shape in some frame: the motion is too violent for it; try --preset muscle or --dynamics calm, or let \
-             a bone carry a whole part of it (`whole = true` in a scene file)",
-        );
-    }
     }
 }

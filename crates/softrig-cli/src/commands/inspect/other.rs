@@ -58,6 +58,10 @@ pub enum OtherInfo {
         finished: bool,
         /// Names of the meshes.
         meshes: Vec<String>,
+        /// Whether frames hold the nodes of the cells too, as .vtu files need them.
+        nodes: bool,
+        /// The scene that bakes it again, with the version of the program that began it.
+        origin: String,
     },
     /// A point cache.
     Cache {
@@ -116,6 +120,8 @@ pub fn journal(path: &Path) -> Result<OtherInfo, Failure> {
         fps: header.fps,
         finished: journal.tail() == Tail::Finished,
         meshes: header.meshes.iter().map(|m| m.name.clone()).collect(),
+        nodes: header.volume.is_some(),
+        origin: header.origin.clone(),
     })
 }
 
@@ -153,11 +159,13 @@ impl OtherInfo {
                 notes.iter().for_each(|n| text += &format!("\n  note: {n}"));
                 text
             }
-            Self::Journal { frames, of, fps, finished, meshes } => {
+            Self::Journal { frames, of, fps, finished, meshes, nodes, origin } => {
                 let state = if *finished { "complete" } else { "stopped; `softrig bake --resume` goes on" };
+                let nodes = if *nodes { " and the nodes of the cells" } else { "" };
                 format!(
-                    "journal of a bake: {frames} of {of} frames at {fps} a second, {} meshes, {state}",
-                    meshes.len()
+                    "journal of a bake: {frames} of {of} frames at {fps} a second, {} meshes{nodes}, {state}\n\n{}",
+                    meshes.len(),
+                    origin.trim_end()
                 )
             }
             Self::Cache { points, frames, fps } => {
