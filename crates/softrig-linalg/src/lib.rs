@@ -11,6 +11,7 @@
 
 mod block;
 mod constraint;
+pub mod cubes;
 mod lane;
 pub mod par;
 mod scalar;
@@ -20,8 +21,9 @@ mod wide;
 
 pub use block::{BlockCsr, BlockPattern};
 pub use constraint::DofConstraints;
+pub use cubes::{CubeMatrix, CubePattern};
 pub use lane::{Lane, Wide};
 pub use scalar::Scalar;
 pub use small::{Mat3, Vec3};
-pub use solver::{LinearSolver, SolveError, SolveReport};
+pub use solver::{LinearSolver, LinearSystem, SolveError, SolveReport};
 pub use wide::{Instructions, Kernel, run_wide, run_wide_with};

@@ -26,11 +26,21 @@ pub trait Scalar:
     fn is_finite(self) -> bool;
     /// The bits, widened: for hashes of a state.
     fn bits(self) -> u64;
+    /// Four rows of four become four columns, in registers.
+    #[doc(hidden)]
+    fn transposed(rows: [&[Self; 4]; 4]) -> [[Self; 4]; 4] {
+        std::array::from_fn(|c| rows.map(|r| r[c]))
+    }
 }
 
 macro_rules! scalar {
-    ($t:ident) => {
+    ($t:ident, $transposed:ident) => {
         impl Scalar for $t {
+            #[cfg(all(target_arch = "x86_64", not(miri)))]
+            #[inline(always)]
+            fn transposed(rows: [&[Self; 4]; 4]) -> [[Self; 4]; 4] {
+                $transposed(rows)
+            }
             const EPSILON: Self = $t::EPSILON;
             const MAX: Self = $t::MAX;
             const NAME: &'static str = stringify!($t);
@@ -54,5 +64,65 @@ macro_rules! scalar {
         }
     };
 }
-scalar!(f32);
-scalar!(f64);
+scalar!(f32, transposed_f32);
+scalar!(f64, transposed_f64);
+
+// compilers take a plain transposition apart into single numbers
+#[cfg(all(target_arch = "x86_64", not(miri)))]
+#[inline(always)]
+fn transposed_f32(rows: [&[f32; 4]; 4]) -> [[f32; 4]; 4] {
+    use std::arch::x86_64::{
+        _mm_loadu_ps, _mm_movehl_ps, _mm_movelh_ps, _mm_storeu_ps, _mm_unpackhi_ps, _mm_unpacklo_ps,
+    };
+    let mut out = [[0.0; 4]; 4];
+    // SAFETY: SSE is part of every x86-64, and each pointer is that of four numbers.
+    unsafe {
+        let [a, b, c, d] = rows.map(|r| _mm_loadu_ps(r.as_ptr()));
+        let (ab, cd) = (_mm_unpacklo_ps(a, b), _mm_unpacklo_ps(c, d));
+        let (ab_high, cd_high) = (_mm_unpackhi_ps(a, b), _mm_unpackhi_ps(c, d));
+        _mm_storeu_ps(out[0].as_mut_ptr(), _mm_movelh_ps(ab, cd));
+        _mm_storeu_ps(out[1].as_mut_ptr(), _mm_movehl_ps(cd, ab));
+        _mm_storeu_ps(out[2].as_mut_ptr(), _mm_movelh_ps(ab_high, cd_high));
+        _mm_storeu_ps(out[3].as_mut_ptr(), _mm_movehl_ps(cd_high, ab_high));
+    }
+    out
+}
+
+#[cfg(all(target_arch = "x86_64", not(miri)))]
+#[inline(always)]
+fn transposed_f64(rows: [&[f64; 4]; 4]) -> [[f64; 4]; 4] {
+    use std::arch::x86_64::{_mm_loadu_pd, _mm_storeu_pd, _mm_unpackhi_pd, _mm_unpacklo_pd};
+    let mut out = [[0.0; 4]; 4];
+    for i in [0, 2] {
+        for j in [0, 2] {
+            // SAFETY: SSE2 is part of every x86-64, and each pointer is followed by two numbers of its array of four.
+            unsafe {
+                let (a, b) = (_mm_loadu_pd(rows[i].as_ptr().add(j)), _mm_loadu_pd(rows[i + 1].as_ptr().add(j)));
+                _mm_storeu_pd(out[j].as_mut_ptr().add(i), _mm_unpacklo_pd(a, b));
+                _mm_storeu_pd(out[j + 1].as_mut_ptr().add(i), _mm_unpackhi_pd(a, b));
+            }
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn rows_become_columns<R: Scalar>() {
+        let m: [[R; 4]; 4] = std::array::from_fn(|i| std::array::from_fn(|j| R::from_f64((4 * i + j) as f64)));
+        let t = R::transposed([&m[0], &m[1], &m[2], &m[3]]);
+        for i in 0..4 {
+            for j in 0..4 {
+                assert_eq!(t[i][j], m[j][i], "{} {i} {j}", R::NAME);
+            }
+        }
+    }
+
+    #[test]
+    fn transposition_turns_rows_into_columns() {
+        rows_become_columns::<f32>();
+        rows_become_columns::<f64>();
+    }
+}

@@ -87,10 +87,10 @@ impl FreePattern {
     }
 
     /// Writes a vector of free rows to the nodes, zero to constrained ones.
-    pub fn scatter<R: Scalar>(&self, free: &[[R; 3]], nodes: &mut [[R; 3]]) {
+    pub fn scatter<A: Scalar, R: Scalar>(&self, free: &[[A; 3]], nodes: &mut [[R; 3]]) {
         nodes.fill([R::zero(); 3]);
         for (node, x) in self.node.iter().zip(free) {
-            nodes[*node as usize] = *x;
+            nodes[*node as usize] = x.map(|x| R::from_f64(x.to_f64()));
         }
     }
 }

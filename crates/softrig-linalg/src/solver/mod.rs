@@ -1,5 +1,6 @@
 //! Linear solvers behind one trait.
 
+mod cubes;
 mod direct;
 mod free;
 mod multigrid;
@@ -11,7 +12,7 @@ pub use direct::Direct;
 pub use multigrid::{Interpolation, Multigrid};
 pub use pcg::Pcg;
 
-use crate::{BlockCsr, BlockPattern, DofConstraints, Scalar};
+use crate::{BlockCsr, BlockPattern, CubeMatrix, DofConstraints, Scalar};
 use std::sync::Arc;
 
 /// What a solve did. Residuals are true ones: `|b - A x| / |b|`, recomputed in f64 from the final `x`.
@@ -70,6 +71,17 @@ pub enum SolveError {
     },
 }
 
+/// A matrix that is assembled only when someone asks for its entries.
+pub trait LinearSystem<R> {
+    /// All entries.
+    fn assembled(&mut self) -> &BlockCsr<R>;
+
+    /// The same matrix as a sum of cubes, where it is one: its products cost a fraction of those of the entries.
+    fn cubes(&mut self) -> Option<&CubeMatrix<R>> {
+        None
+    }
+}
+
 /// Solves `A x = b` on the free nodes, for a symmetric positive definite `A`.
 ///
 /// `A` may hold anything in the rows and columns of constrained nodes: solvers ignore them and leave `x` zero there.
@@ -97,6 +109,20 @@ pub trait LinearSolver<R>: Send {
         solution: &mut [[R; 3]],
         tolerance: f64,
     ) -> Result<SolveReport, SolveError>;
+
+    /// As [`Self::solve`], with the entries assembled only if the solver reads them.
+    ///
+    /// # Errors
+    /// As [`Self::solve`].
+    fn solve_system(
+        &mut self,
+        system: &mut dyn LinearSystem<R>,
+        rhs: &[[R; 3]],
+        solution: &mut [[R; 3]],
+        tolerance: f64,
+    ) -> Result<SolveReport, SolveError> {
+        self.solve(system.assembled(), rhs, solution, tolerance)
+    }
 }
 
 /// Do matrix and vectors belong to the prepared pattern?

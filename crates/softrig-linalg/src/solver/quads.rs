@@ -1,4 +1,5 @@
-//! Vectors of nodes as the solvers hold them: four numbers per node, the last one zero, on cache-line boundaries.
+//! Vectors of nodes as the solvers hold them: four numbers per node, the last one zero, on cache-line boundaries. One entry
+//! of zeros follows the last node, for whatever refers to a node that is not there.
 
 use crate::Scalar;
 
@@ -18,7 +19,7 @@ impl<R: Scalar> Quads<R> {
     /// All zero.
     pub fn zero(count: usize) -> Self {
         let spare = LINE / size_of::<R>();
-        let storage = vec![R::zero(); 4 * count + spare];
+        let storage = vec![R::zero(); 4 * (count + 1) + spare];
         // an interpreter may decline to say: alignment only matters for speed
         let offset = storage.as_ptr().align_offset(LINE);
         Self { start: if offset < spare { offset } else { 0 }, storage, count }
@@ -27,6 +28,12 @@ impl<R: Scalar> Quads<R> {
     #[inline]
     pub fn get(&self) -> &[[R; 4]] {
         self.storage[self.start..self.start + 4 * self.count].as_chunks().0
+    }
+
+    /// The same with the zeros behind the last one.
+    #[inline]
+    pub fn padded(&self) -> &[[R; 4]] {
+        self.storage[self.start..self.start + 4 * (self.count + 1)].as_chunks().0
     }
 
     #[inline]
@@ -47,5 +54,6 @@ mod tests {
         assert_eq!(q.get().as_ptr() as usize % LINE, 0);
         assert_eq!(q.get()[4], [1.0; 4]);
         assert_eq!(q.get().len(), 5);
+        assert_eq!(q.padded()[5], [0.0; 4]);
     }
 }

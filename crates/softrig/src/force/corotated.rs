@@ -11,7 +11,7 @@ use super::tet::{self, BLOCK, TASK, TetBlock, TetConstants, tet_gradients};
 use crate::material::MaterialMap;
 use crate::mesh::VolumeMesh;
 use rayon::prelude::*;
-use softrig_linalg::{BlockCsr, BlockPattern, Scalar, par, run_wide};
+use softrig_linalg::{BlockCsr, BlockPattern, CubeMatrix, CubePattern, Scalar, par, run_wide};
 use std::any::{Any, TypeId};
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -50,7 +50,16 @@ pub struct Corotated<R> {
     pattern: Arc<BlockPattern>,
     tet_incidence: Incidence<4>,
     hex_incidence: Incidence<8>,
+    cubes: Option<Arc<CubePattern>>,
     saved: Vec<[[R; BLOCK]; 4]>,
+}
+
+/// The cells as equal cubes along the axes, if that is what all of them are.
+fn cube_pattern<R>(mesh: &VolumeMesh, shapes: &[HexShape<R>]) -> Option<Arc<CubePattern>> {
+    let edge = shapes.first()?.cube.as_ref()?.edge;
+    let equal = |s: &HexShape<R>| s.cube.as_ref().is_some_and(|c| (c.edge - edge).abs() <= 1e-9 * edge);
+    (mesh.tets.is_empty() && shapes.iter().all(equal))
+        .then(|| Arc::new(CubePattern { nodes: mesh.hexes.clone(), node_count: mesh.node_count(), edge }))
 }
 
 impl<R: Scalar> Corotated<R> {
@@ -96,6 +105,7 @@ impl<R: Scalar> Corotated<R> {
             hexes: hexes.chunks(BLOCK).map(HexBlock::new).collect(),
             hex_q: vec![identity; hexes.len().div_ceil(BLOCK)],
             shape_of: hexes.iter().map(|h| h.shape).collect(),
+            cubes: cube_pattern(mesh, &shapes),
             shapes,
             warped: vec![[[R::zero(); 4]; 4]; tets.len()],
             rotation: vec![[[R::zero(); 4]; 3]; hexes.len()],
@@ -207,6 +217,26 @@ impl<R: Scalar> ForceModel<R> for Corotated<R> {
             damping,
         }
         .write(&mut matrix.values);
+    }
+
+    fn cube_pattern(&self) -> Option<Arc<CubePattern>> {
+        self.cubes.clone()
+    }
+
+    fn cubes(&self, rate: R, damping: R, matrix: &mut CubeMatrix<R>) {
+        if self.cubes.is_none() {
+            return;
+        }
+        matrix.rotation.par_chunks_mut(1024).zip(self.rotation.par_chunks(1024)).for_each(|(to, from)| {
+            to.copy_from_slice(from);
+        });
+        for ((lame, shape), columns) in matrix.lame.iter_mut().zip(&self.shape_of).zip(&self.rotation) {
+            let (young_modulus, b) = (columns[0][3], columns[1][3]);
+            let factor = young_modulus * (R::one() + rate * (b + damping));
+            if let Some(cube) = &self.shapes[*shape as usize].cube {
+                *lame = [cube.lambda * factor, cube.mu * factor];
+            }
+        }
     }
 
     fn save(&mut self) {

@@ -11,6 +11,7 @@
 use super::assembly::Increment;
 use super::polar::{eigen_symmetric, polar, rotation, symmetric};
 use super::tet::{BLOCK, gather, load, load_q, store};
+use softrig_linalg::cubes;
 use softrig_linalg::{Kernel, Lane, Mat3, Scalar, Vec3, Wide};
 
 /// Eigenvalues of tr(S) I − S below this are left out of the exact gradient: 2 at rest, 0 where the rotation is undetermined.
@@ -89,6 +90,28 @@ pub(super) struct HexShape<R> {
     pub gradient: [[R; 3]; 8],
     /// X_a − X_0 [m].
     pub offset: [[R; 3]; 8],
+    /// Of a cube along the axes: its edge [m], and its Lamé constants for a Young's modulus of 1 Pa.
+    pub cube: Option<Cube<R>>,
+}
+
+/// What makes a cube's stiffness.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Cube<R> {
+    pub edge: f64,
+    pub lambda: R,
+    pub mu: R,
+    /// Both constants times the factor of the modes.
+    on_modes: [R; 2],
+}
+
+/// The edge of a cube along the axes, to 1e-9 of its size.
+fn cube_edge(X: &[[f64; 3]; 8]) -> Option<f64> {
+    let edge = X[1][0] - X[0][0];
+    let fits = |a: usize, i: usize| {
+        let offset = if CORNER[a][i] > 0.0 { edge } else { 0.0 };
+        (X[a][i] - X[0][i] - offset).abs() <= 1e-9 * edge
+    };
+    (edge > 0.0 && (0..8).all(|a| (0..3).all(|i| fits(a, i)))).then_some(edge)
 }
 
 impl<R: Scalar> HexShape<R> {
@@ -96,6 +119,13 @@ impl<R: Scalar> HexShape<R> {
         let lambda = poisson_ratio / ((1.0 + poisson_ratio) * (1.0 - 2.0 * poisson_ratio));
         let mu = 0.5 / (1.0 + poisson_ratio);
         let cast = |m: [f64; 3]| m.map(R::from_f64);
+        let factor = |edge: f64, c: f64| R::from_f64(c * cubes::mode_factor(edge));
+        let cube = cube_edge(&X).map(|edge| Cube {
+            edge,
+            lambda: R::from_f64(lambda),
+            mu: R::from_f64(mu),
+            on_modes: [factor(edge, lambda), factor(edge, mu)],
+        });
         let points = hex_points(X);
         let volume: f64 = points.iter().map(|p| p.volume).sum();
         let mean = std::array::from_fn(|a| {
@@ -107,6 +137,7 @@ impl<R: Scalar> HexShape<R> {
             stiffness: hex_stiffness(X, lambda, mu).iter().map(|row| row.map(|k| k.map(cast))).collect(),
             gradient: mean,
             offset: std::array::from_fn(|a| cast(std::array::from_fn(|i| X[a][i] - X[0][i]))),
+            cube,
         }
     }
 }
@@ -336,6 +367,34 @@ impl<R: Scalar> Force<'_, R> {
 #[inline(always)]
 fn apply<S: Lane>(shape: &HexShape<S::Scalar>, u: &[Vec3<S>; 8]) -> [Vec3<S>; 8] {
     let mut g = [Vec3::zero(); 8];
+    if let Some(cube) = &shape.cube {
+        // on the modes of a cube the stiffness is almost diagonal: an eighth of the work
+        let mut amplitude = [[S::zero(); 7]; 3];
+        for i in 0..3 {
+            let mut corner = [S::zero(); 8];
+            for a in 0..8 {
+                corner[a] = u[a].0[i];
+            }
+            amplitude[i] = cubes::modes(corner);
+        }
+        let mut c = [Vec3::zero(); 7];
+        for n in 0..7 {
+            c[n] = Vec3([amplitude[0][n], amplitude[1][n], amplitude[2][n]]);
+        }
+        let [lambda, mu] = cube.on_modes;
+        let f = cubes::stiffness(S::splat(lambda), S::splat(mu), c);
+        for i in 0..3 {
+            let mut part = [S::zero(); 7];
+            for n in 0..7 {
+                part[n] = f[n].0[i];
+            }
+            let corner = cubes::corners(part);
+            for a in 0..8 {
+                g[a].0[i] = corner[a];
+            }
+        }
+        return g;
+    }
     for (g, row) in g.iter_mut().zip(&shape.stiffness) {
         // u_0 = 0
         for b in 1..8 {

@@ -17,7 +17,8 @@ pub use stvk::{StVenantKirchhoff, stvk_hessian};
 pub use tet::tet_gradients;
 
 use serde::{Deserialize, Serialize};
-use softrig_linalg::{BlockCsr, Scalar};
+use softrig_linalg::{BlockCsr, CubeMatrix, CubePattern, Scalar};
+use std::sync::Arc;
 
 /// Which elasticity a body has.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
@@ -46,6 +47,15 @@ pub trait ForceModel<R: Scalar>: Send {
     /// Writes the sum of `(1 + rate (b + damping)) K` over all cells at the last linearisation point into `matrix`
     /// (overwriting it) [N/m]. `rate` [1/s] is what a unit of displacement changes the velocity by; 0 gives K.
     fn stiffness(&mut self, rate: R, damping: R, matrix: &mut BlockCsr<R>);
+
+    /// The cells as cubes, where that is what all of them are: then [`Self::cubes`] gives the stiffness without assembling it.
+    fn cube_pattern(&self) -> Option<Arc<CubePattern>> {
+        None
+    }
+
+    /// Writes what [`Self::stiffness`] writes as rotations and Lamé constants of cubes; the diagonal is left alone. Does
+    /// nothing without a [`Self::cube_pattern`].
+    fn cubes(&self, _rate: R, _damping: R, _matrix: &mut CubeMatrix<R>) {}
 
     /// Remembers the history for [`Self::roll_back`], without allocating.
     fn save(&mut self);

@@ -12,7 +12,7 @@
 use super::{Integrator, State, StepError, StepInput, StepOutput};
 use crate::body::Body;
 use crate::force::Increment;
-use softrig_linalg::{BlockCsr, BlockPattern, DofConstraints, LinearSolver, Scalar};
+use softrig_linalg::{BlockCsr, BlockPattern, CubeMatrix, DofConstraints, LinearSolver, LinearSystem, Scalar};
 use std::sync::Arc;
 
 /// A time integration scheme.
@@ -67,6 +67,7 @@ pub struct Implicit<R> {
     /// How often stiffness and rotations are computed anew in a step; at least 1.
     pub linearisations: usize,
     matrix: Option<BlockCsr<R>>,
+    cubes: Option<CubeMatrix<R>>,
     prepared: Option<Prepared>,
     d: Vec<[R; 3]>,
     x: Vec<[R; 3]>,
@@ -93,6 +94,7 @@ impl<R: Scalar> Implicit<R> {
             scheme,
             linearisations,
             matrix: None,
+            cubes: None,
             prepared: None,
             d: Vec::new(),
             x: Vec::new(),
@@ -112,7 +114,14 @@ impl<R: Scalar> Implicit<R> {
             v.resize(n, [R::zero(); 3]);
         }
         if !self.matrix.as_ref().is_some_and(|m| Arc::ptr_eq(&m.pattern, &body.pattern)) {
-            self.matrix = Some(BlockCsr::zero(body.pattern.clone()));
+            // assembled when a solver asks for it
+            self.matrix = Some(BlockCsr { pattern: body.pattern.clone(), values: Vec::new() });
+            self.cubes = None;
+        }
+        match body.model.cube_pattern().filter(|_| body.consistent_mass.is_none()) {
+            None => self.cubes = None,
+            Some(pattern) if self.cubes.as_ref().is_some_and(|c| Arc::ptr_eq(&c.pattern, &pattern)) => {}
+            Some(pattern) => self.cubes = Some(CubeMatrix::zero(pattern)),
         }
         // a solver is told apart by its address: exchanging it between steps must not leave it unprepared
         let address = std::ptr::from_mut(solver).cast::<()>() as usize;
@@ -171,25 +180,6 @@ impl<R: Scalar> Implicit<R> {
         square.sqrt()
     }
 
-    /// K + vd C + ad M.
-    fn assemble(&mut self, body: &mut Body<R>, c: &Constants) {
-        let matrix = self.matrix.as_mut().expect("prepare made it");
-        let (vd, ad) = (R::from_f64(c.vd), R::from_f64(c.ad));
-        body.model.stiffness(vd, body.stiffness_damping, matrix);
-        if let Some(m) = &body.consistent_mass {
-            for (to, from) in matrix.values.iter_mut().zip(&m.values) {
-                (0..9).for_each(|k| to[k] += from[k] * ad);
-            }
-        }
-        for (i, &at) in body.pattern.diagonal().iter().enumerate() {
-            let mut m = vd * (body.drag[i] + body.mass_damping * body.mass[i]);
-            if body.consistent_mass.is_none() {
-                m += ad * body.mass[i];
-            }
-            (0..3).for_each(|k| matrix.values[at as usize][4 * k] += m);
-        }
-    }
-
     fn attempt(
         &mut self,
         body: &mut Body<R>,
@@ -221,18 +211,22 @@ impl<R: Scalar> Implicit<R> {
             if linearisation == 0 {
                 first = norm;
             }
+            // what a later linearisation corrects anyway needs half the digits
+            let last = linearisation + 1 == self.linearisations.max(1);
+            let asked = if last { input.tolerance } else { input.tolerance.sqrt() };
             // relative to the first right-hand side, but never looser than half a digit
             let ratio = if norm > 0.0 && norm < first { first / norm } else { 1.0 };
-            let tolerance = (input.tolerance * ratio).min(input.tolerance.max(0.3));
+            let tolerance = (asked * ratio).min(asked.max(0.3));
             self.correction.fill([R::zero(); 3]);
-            self.assemble(body, &c);
-            let matrix = self.matrix.as_ref().expect("prepare made it");
+            let matrix = self.matrix.as_mut().expect("prepare made it");
+            let mut system = StepSystem { body, constants: &c, matrix, cubes: self.cubes.as_mut(), assembled: false };
+            system.fill_cubes();
             let report = solver
-                .solve(matrix, &self.rhs, &mut self.correction, tolerance)
+                .solve_system(&mut system, &self.rhs, &mut self.correction, tolerance)
                 .map_err(|source| StepError::Solve { time, source })?;
             output.iterations += report.iterations;
-            output.residual = output.residual.max(report.residual / ratio);
-            output.converged &= report.converged;
+            output.residual = report.residual / ratio;
+            output.converged = report.converged;
             for i in 0..n {
                 if !body.constraints.is_constrained(i) {
                     (0..3).for_each(|k| self.d[i][k] += self.correction[i][k]);
@@ -263,6 +257,64 @@ impl<R: Scalar> Implicit<R> {
             output.kinetic_energy += 0.5 * body.mass[i].to_f64() * (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
         }
         Ok(())
+    }
+}
+
+/// K + vd C + ad M at the last linearisation.
+struct StepSystem<'a, R> {
+    body: &'a mut Body<R>,
+    constants: &'a Constants,
+    matrix: &'a mut BlockCsr<R>,
+    cubes: Option<&'a mut CubeMatrix<R>>,
+    assembled: bool,
+}
+
+impl<R: Scalar> StepSystem<'_, R> {
+    fn factors(&self) -> (R, R) {
+        (R::from_f64(self.constants.vd), R::from_f64(self.constants.ad))
+    }
+
+    /// Damping by the mass, and the mass where it is lumped.
+    fn on_diagonal(&self, i: usize) -> R {
+        let ((vd, ad), body) = (self.factors(), &self.body);
+        let drag = vd * (body.drag[i] + body.mass_damping * body.mass[i]);
+        if body.consistent_mass.is_none() { drag + ad * body.mass[i] } else { drag }
+    }
+
+    fn fill_cubes(&mut self) {
+        let Some(cubes) = self.cubes.take() else { return };
+        self.body.model.cubes(self.factors().0, self.body.stiffness_damping, cubes);
+        for i in 0..cubes.diagonal.len() {
+            cubes.diagonal[i] = self.on_diagonal(i);
+        }
+        self.cubes = Some(cubes);
+    }
+}
+
+impl<R: Scalar> LinearSystem<R> for StepSystem<'_, R> {
+    fn assembled(&mut self) -> &BlockCsr<R> {
+        if self.assembled {
+            return self.matrix;
+        }
+        self.assembled = true;
+        let (vd, ad) = self.factors();
+        self.matrix.values.resize(self.matrix.pattern.block_count(), [R::zero(); 9]);
+        self.body.model.stiffness(vd, self.body.stiffness_damping, self.matrix);
+        if let Some(m) = &self.body.consistent_mass {
+            for (to, from) in self.matrix.values.iter_mut().zip(&m.values) {
+                (0..9).for_each(|k| to[k] += from[k] * ad);
+            }
+        }
+        for i in 0..self.body.mass.len() {
+            let at = self.body.pattern.diagonal()[i] as usize;
+            let m = self.on_diagonal(i);
+            (0..3).for_each(|k| self.matrix.values[at][4 * k] += m);
+        }
+        self.matrix
+    }
+
+    fn cubes(&mut self) -> Option<&CubeMatrix<R>> {
+        self.cubes.as_deref()
     }
 }
 

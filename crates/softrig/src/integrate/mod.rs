@@ -48,8 +48,8 @@ pub struct StepInput<'a, R> {
     pub external_force: &'a [[R; 3]],
     /// Step length [s].
     pub dt: f64,
-    /// Residual asked of every linear solve, relative to the right-hand side of the step's first one [-]: what a later
-    /// linearisation has left to correct is smaller, and need not be solved to more digits than the step has.
+    /// Residual asked of the last linear solve of the step, relative to the right-hand side of the first [-]. Earlier ones
+    /// need half the digits (its square root): what they leave, the last one corrects.
     pub tolerance: f64,
 }
 
@@ -61,9 +61,9 @@ pub struct StepOutput<R> {
     pub reaction: Vec<[R; 3]>,
     /// Linear iterations of all solves of the step.
     pub iterations: usize,
-    /// Largest true residual of its solves, relative to the right-hand side of the first [-].
+    /// True residual of its last solve, relative to the right-hand side of the first [-].
     pub residual: f64,
-    /// Whether every solve reached the tolerance.
+    /// Whether that solve reached the tolerance.
     pub converged: bool,
     /// The growth guard redid the step with implicit Euler.
     pub guarded: bool,

@@ -1,7 +1,10 @@
 //! Where the time of a step goes: a force model and a solver that pass everything on and look at the clock.
 
 use softrig::force::{ForceModel, Increment};
-use softrig_linalg::{BlockCsr, BlockPattern, DofConstraints, LinearSolver, Scalar, SolveError, SolveReport};
+use softrig_linalg::{
+    BlockCsr, BlockPattern, CubeMatrix, CubePattern, DofConstraints, LinearSolver, LinearSystem, Scalar, SolveError,
+    SolveReport,
+};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
@@ -49,6 +52,14 @@ impl<R: Scalar> ForceModel<R> for TimedModel<R> {
         timed(&self.clocks.matrix, || self.inner.stiffness(rate, damping, matrix));
     }
 
+    fn cube_pattern(&self) -> Option<Arc<CubePattern>> {
+        self.inner.cube_pattern()
+    }
+
+    fn cubes(&self, rate: R, damping: R, matrix: &mut CubeMatrix<R>) {
+        timed(&self.clocks.matrix, || self.inner.cubes(rate, damping, matrix));
+    }
+
     fn save(&mut self) {
         self.inner.save();
     }
@@ -91,5 +102,20 @@ impl<R, S: LinearSolver<R>> LinearSolver<R> for TimedSolver<S> {
         tolerance: f64,
     ) -> Result<SolveReport, SolveError> {
         timed(&self.clocks.solve, || self.inner.solve(matrix, rhs, solution, tolerance))
+    }
+
+    fn solve_system(
+        &mut self,
+        system: &mut dyn LinearSystem<R>,
+        rhs: &[[R; 3]],
+        solution: &mut [[R; 3]],
+        tolerance: f64,
+    ) -> Result<SolveReport, SolveError> {
+        // the solver asks for the matrix while it is under the clock: that time is the matrix's
+        let before = self.clocks.matrix.load(Ordering::Relaxed);
+        let result = timed(&self.clocks.solve, || self.inner.solve_system(system, rhs, solution, tolerance));
+        let matrix = self.clocks.matrix.load(Ordering::Relaxed) - before;
+        self.clocks.solve.fetch_sub(matrix, Ordering::Relaxed);
+        result
     }
 }

@@ -4,7 +4,7 @@ use super::galerkin::{Galerkin, interpolate_add};
 use super::interpolation::Interpolation;
 use super::level::Level;
 use crate::solver::free::FreePattern;
-use crate::{BlockCsr, Scalar};
+use crate::{BlockCsr, CubeMatrix, Scalar};
 use faer::linalg::solvers::{Llt, Solve};
 use faer::{Mat, Side};
 
@@ -51,11 +51,12 @@ impl Cycle {
         Some(Self { levels, galerkin, coarsest: None, coarsest_rhs: Mat::zeros(n, 1) })
     }
 
-    /// Takes the matrix; `rebuild` also makes the coarse operators anew.
-    pub fn load<R: Scalar>(&mut self, matrix: &BlockCsr<R>, free: &FreePattern, rebuild: bool) {
+    /// Takes a stored matrix for the finest level.
+    pub fn load<R: Scalar>(&mut self, matrix: &BlockCsr<R>, free: &FreePattern) {
         use rayon::prelude::*;
         let fine = &mut self.levels[0];
         let identity = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
+        fine.set_cubes::<R>(None);
         fine.blocks_mut().par_iter_mut().zip(&free.source).for_each(|(to, source)| {
             *to = matrix.values[*source as usize].map(|v| v.to_f64() as f32);
         });
@@ -67,9 +68,15 @@ impl Cycle {
             }
         }
         fine.invert_diagonal();
-        if !rebuild {
-            return;
-        }
+    }
+
+    /// Takes the cubes for the finest level. For [`Self::rebuild`] it must have been given the stored matrix as well, before.
+    pub fn load_cubes<R: Scalar>(&mut self, matrix: &CubeMatrix<R>) {
+        self.levels[0].set_cubes(Some(matrix));
+    }
+
+    /// Makes the coarse operators from the matrix stored last.
+    pub fn rebuild(&mut self) {
         for l in 0..self.galerkin.len() {
             let (fine, coarse) = self.levels.split_at_mut(l + 1);
             self.galerkin[l].refresh(&fine[l].pattern, fine[l].blocks(), coarse[0].blocks_mut());

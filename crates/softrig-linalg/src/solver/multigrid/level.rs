@@ -1,13 +1,14 @@
-//! One level of the hierarchy: its matrix in f32 and a Chebyshev smoother.
+//! One level of the hierarchy: its matrix in f32, stored or as cubes, and a Chebyshev smoother.
 
+use crate::solver::cubes::FreeCubes;
 use crate::solver::free::FreePattern;
 use crate::solver::pcg::kernel::{Blocks, Inverse, Product, inverse_of_block};
 use crate::solver::quads::Quads;
-use crate::{Scalar, run_wide};
+use crate::{CubeMatrix, Kernel, Lane, Scalar, Wide, run_wide};
 use rayon::prelude::*;
 
-/// Rows per task.
-const ROWS: usize = 256;
+/// Rows per task: coarse levels are not worth a second thread.
+const ROWS: usize = 512;
 /// Products per smoothing. Degree 3 needs the fewest products per digit on lattices with bones (numerics 5.6).
 const DEGREE: usize = 3;
 /// Smoothed part of the spectrum: from the largest eigenvalue down by this ratio.
@@ -21,6 +22,8 @@ const POWER_STEPS: usize = 15;
 pub(super) struct Level {
     pub pattern: FreePattern,
     pub values: Blocks<f32>,
+    /// Present where products take the cubes instead of the values.
+    cubes: Option<FreeCubes<f32>>,
     inverse: Vec<Inverse<f32>>,
     /// Largest eigenvalue of `D⁻¹ A`, with safety.
     largest: f32,
@@ -37,6 +40,7 @@ impl Level {
         let n = pattern.row_count();
         Self {
             values: Blocks::zero(pattern.block_count()),
+            cubes: None,
             inverse: vec![[[0.0; 4]; 3]; n],
             largest: 1.0,
             b: Quads::zero(n),
@@ -57,6 +61,21 @@ impl Level {
     pub fn blocks_mut(&mut self) -> &mut [[f32; 9]] {
         let used = 9 * self.pattern.block_count();
         self.values.0[..used].as_chunks_mut().0
+    }
+
+    /// Makes products take these cubes; `None` goes back to the values.
+    pub fn set_cubes<R: Scalar>(&mut self, matrix: Option<&CubeMatrix<R>>) {
+        let Some(matrix) = matrix else {
+            self.cubes = None;
+            return;
+        };
+        if !self.cubes.as_ref().is_some_and(|c| c.belongs_to(&matrix.pattern)) {
+            self.cubes = Some(FreeCubes::new(&matrix.pattern, &self.pattern));
+        }
+        if let Some(cubes) = &mut self.cubes {
+            cubes.load(matrix, &self.pattern);
+            cubes.invert_diagonal(&mut self.inverse);
+        }
     }
 
     /// Inverts the diagonal blocks; a block that has no inverse is left out of the smoothing.
@@ -84,7 +103,7 @@ impl Level {
             }
             let scale = (1.0 / norm) as f32;
             self.d.get_mut().iter_mut().for_each(|d| *d = d.map(|v| v * scale));
-            product(&self.pattern, &self.values, self.d.get(), self.q.get_mut());
+            self.product(false);
             for ((d, q), inverse) in self.d.get_mut().iter_mut().zip(self.q.get()).zip(&self.inverse) {
                 *d = apply(inverse, q);
             }
@@ -102,7 +121,7 @@ impl Level {
 
     /// Chebyshev smoothing of `A x = b` from the present `x`; the residual is not kept.
     pub fn smooth(&mut self) {
-        product(&self.pattern, &self.values, self.x.get(), self.q.get_mut());
+        self.product(true);
         let (q, b) = (self.q.get(), self.b.get());
         self.r.get_mut().par_chunks_mut(ROWS).zip(q.par_chunks(ROWS).zip(b.par_chunks(ROWS))).for_each(
             |(r, (q, b))| {
@@ -138,22 +157,29 @@ impl Level {
         (d.par_chunks_mut(ROWS), x.par_chunks_mut(ROWS))
             .into_par_iter()
             .zip((self.r.get().par_chunks(ROWS), self.inverse.par_chunks(ROWS)))
-            .for_each(|((d, x), (r, inverse))| {
-                for i in 0..d.len() {
-                    let z = apply(&inverse[i], &r[i]);
-                    for k in 0..4 {
-                        // the old direction may hold anything the first time
-                        let old = if keep == 0.0 { 0.0 } else { keep * d[i][k] };
-                        d[i][k] = old + gain * z[k];
-                        x[i][k] += d[i][k];
-                    }
-                }
-            });
+            .for_each(|((d, x), (r, inverse))| run_wide::<f32, _>(Advance { keep, gain, d, x, r, inverse }));
+    }
+
+    /// `q = A x` or `q = A d`.
+    fn product(&mut self, of_solution: bool) {
+        let x = if of_solution { &self.x } else { &self.d };
+        if let Some(cubes) = &mut self.cubes {
+            cubes.product(x.padded(), self.q.get_mut());
+            return;
+        }
+        let (pattern, values, x) = (&self.pattern, &self.values, x.get());
+        self.q.get_mut().par_chunks_mut(ROWS).enumerate().for_each(|(c, y)| {
+            run_wide::<f32, _>(Product { pattern, values, x, first: c * ROWS, y });
+        });
     }
 
     /// `r -= A d`.
     fn reduce_residual(&mut self) {
-        product(&self.pattern, &self.values, self.d.get(), self.q.get_mut());
+        if let Some(cubes) = &mut self.cubes {
+            cubes.subtract_product(self.d.padded(), self.r.get_mut());
+            return;
+        }
+        self.product(false);
         let q = self.q.get();
         self.r.get_mut().par_chunks_mut(ROWS).zip(q.par_chunks(ROWS)).for_each(|(r, q)| {
             for (r, q) in r.iter_mut().zip(q) {
@@ -163,15 +189,39 @@ impl Level {
     }
 }
 
+/// The loop of [`Level::advance`], a node's four numbers side by side.
+struct Advance<'a> {
+    keep: f32,
+    gain: f32,
+    d: &'a mut [[f32; 4]],
+    x: &'a mut [[f32; 4]],
+    r: &'a [[f32; 4]],
+    inverse: &'a [Inverse<f32>],
+}
+
+impl Kernel for Advance<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn run<const W: usize>(self) {
+        let n = self.d.len();
+        let (d, x, r, inverse) = (self.d, &mut self.x[..n], &self.r[..n], &self.inverse[..n]);
+        // the first direction keeps nothing: the old one may hold anything, even NaN
+        let fresh = self.keep == 0.0;
+        let (keep, gain) = (Wide::<f32, 4>::splat(self.keep), Wide::<f32, 4>::splat(self.gain));
+        for i in 0..n {
+            let (v, m) = (r[i], &inverse[i]);
+            let z = (Wide(m[0]) * Wide::splat(v[0]) + Wide(m[1]) * Wide::splat(v[1])) + Wide(m[2]) * Wide::splat(v[2]);
+            let old = if fresh { Wide::splat(0.0) } else { keep * Wide(d[i]) };
+            let next = old + gain * z;
+            d[i] = next.0;
+            x[i] = (Wide(x[i]) + next).0;
+        }
+    }
+}
+
 #[inline(always)]
 fn apply(inverse: &Inverse<f32>, v: &[f32; 4]) -> [f32; 4] {
     std::array::from_fn(|k| (inverse[0][k] * v[0] + inverse[1][k] * v[1]) + inverse[2][k] * v[2])
-}
-
-fn product<R: Scalar>(pattern: &FreePattern, values: &Blocks<R>, x: &[[R; 4]], y: &mut [[R; 4]]) {
-    y.par_chunks_mut(ROWS).enumerate().for_each(|(c, y)| {
-        run_wide::<R, _>(Product { pattern, values, x, first: c * ROWS, y });
-    });
 }
 
 fn square(v: &[[f32; 4]]) -> f64 {

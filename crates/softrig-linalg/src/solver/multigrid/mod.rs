@@ -2,8 +2,8 @@
 //!
 //! One symmetric V-cycle per iteration: Chebyshev smoothing, Galerkin coarse operators, dense Cholesky on the coarsest level.
 //! Constrained nodes take no part: their rows of the interpolation are left out, and coarse nodes that only they interpolate
-//! from are dropped (mode "empty columns"). The cycle runs in f32; residuals and the iteration are those of the caller's
-//! precision, and what is reported is the true residual.
+//! from are dropped (mode "empty columns"). Cycle and iteration run in f32 on what is left to solve for; residuals are those
+//! of the caller's system in f64, and what is reported is the true residual.
 //!
 //! Coarse operators are rebuilt when the iteration count has grown by half since the last rebuild; nothing depends on a clock.
 
@@ -16,8 +16,8 @@ pub use interpolation::Interpolation;
 
 pub(super) use cycle::Cycle;
 
-use super::pcg::Pcg;
-use super::{LinearSolver, SolveError, SolveReport};
+use super::pcg::{Pcg, Source};
+use super::{LinearSolver, LinearSystem, SolveError, SolveReport};
 use crate::{BlockCsr, BlockPattern, DofConstraints, Scalar};
 use std::sync::Arc;
 
@@ -26,7 +26,10 @@ use std::sync::Arc;
 pub struct Multigrid<R> {
     /// Interpolations from level to level of the unconstrained body, finest first.
     hierarchy: Arc<[Interpolation]>,
-    pcg: Pcg<R>,
+    pcg: Pcg<f32>,
+    /// For systems f32 cannot hold; made when one comes.
+    exact: Option<Pcg<R>>,
+    prepared: Option<(Arc<BlockPattern>, DofConstraints)>,
     cycle: Option<Cycle>,
     /// Iterations of the first solve after the last rebuild of the coarse operators, and of the last solve.
     fresh: Option<usize>,
@@ -36,7 +39,27 @@ impl<R: Scalar> Multigrid<R> {
     /// `hierarchy[0].start` has one row per node of the systems to come. An empty hierarchy makes this plain [`Pcg`].
     #[must_use]
     pub fn new(hierarchy: Vec<Interpolation>) -> Self {
-        Self { hierarchy: hierarchy.into(), pcg: Pcg::new(), cycle: None, fresh: None }
+        Self { hierarchy: hierarchy.into(), pcg: Pcg::new(), exact: None, prepared: None, cycle: None, fresh: None }
+    }
+}
+
+impl<R: Scalar> Multigrid<R> {
+    /// In the caller's numbers: where there is nothing to coarsen, and where f32 has failed.
+    fn solve_exactly(
+        &mut self,
+        system: &mut dyn LinearSystem<R>,
+        rhs: &[[R; 3]],
+        solution: &mut [[R; 3]],
+        tolerance: f64,
+    ) -> Result<SolveReport, SolveError> {
+        let (pattern, constraints) = self.prepared.as_ref().ok_or(SolveError::NotPrepared)?;
+        if self.exact.is_none() {
+            let mut exact = Pcg::new();
+            exact.prepare(pattern, constraints)?;
+            self.exact = Some(exact);
+        }
+        let exact = self.exact.as_mut().expect("made above");
+        exact.solve_with(Source::of(system), rhs, solution, tolerance, self.cycle.as_mut())
     }
 }
 
@@ -47,6 +70,8 @@ impl<R: Scalar> LinearSolver<R> for Multigrid<R> {
 
     fn prepare(&mut self, pattern: &Arc<BlockPattern>, constraints: &DofConstraints) -> Result<(), SolveError> {
         self.pcg.prepare(pattern, constraints)?;
+        self.exact = None;
+        self.prepared = Some((pattern.clone(), constraints.clone()));
         self.cycle = Cycle::new(&self.hierarchy, self.pcg.free());
         self.fresh = None;
         Ok(())
@@ -59,10 +84,34 @@ impl<R: Scalar> LinearSolver<R> for Multigrid<R> {
         solution: &mut [[R; 3]],
         tolerance: f64,
     ) -> Result<SolveReport, SolveError> {
-        let Some(cycle) = &mut self.cycle else { return self.pcg.solve(matrix, rhs, solution, tolerance) };
+        self.solve_system(&mut Stored(matrix), rhs, solution, tolerance)
+    }
+
+    fn solve_system(
+        &mut self,
+        system: &mut dyn LinearSystem<R>,
+        rhs: &[[R; 3]],
+        solution: &mut [[R; 3]],
+        tolerance: f64,
+    ) -> Result<SolveReport, SolveError> {
+        let Some(cycle) = &mut self.cycle else {
+            return self.solve_exactly(system, rhs, solution, tolerance);
+        };
         let rebuild = self.fresh.is_none();
-        cycle.load(matrix, self.pcg.free(), rebuild);
-        let report = self.pcg.solve_with(matrix, rhs, solution, tolerance, Some(cycle));
+        let cubes = system.cubes().is_some();
+        if rebuild || !cubes {
+            let matrix = system.assembled();
+            self.pcg.check(matrix, rhs, solution)?;
+            cycle.load(matrix, self.pcg.free());
+        }
+        let source = Source::of(system);
+        if let Source::Cubes(matrix) = source {
+            cycle.load_cubes(matrix);
+        }
+        if rebuild {
+            cycle.rebuild();
+        }
+        let report = self.pcg.solve_with(source, rhs, solution, tolerance, Some(cycle));
         match &report {
             Ok(r) => {
                 let fresh = *self.fresh.get_or_insert(r.iterations.max(1));
@@ -75,10 +124,10 @@ impl<R: Scalar> LinearSolver<R> for Multigrid<R> {
             Err(_) => {
                 self.fresh = None;
                 if rebuild {
-                    report
+                    self.solve_exactly(system, rhs, solution, tolerance)
                 } else {
                     // stale coarse operators must not fail a solve
-                    self.solve(matrix, rhs, solution, tolerance)
+                    self.solve_system(system, rhs, solution, tolerance)
                 }
             }
         }
@@ -86,5 +135,14 @@ impl<R: Scalar> LinearSolver<R> for Multigrid<R> {
 
     fn forget(&mut self) {
         self.fresh = None;
+    }
+}
+
+/// A matrix that is there already.
+struct Stored<'a, R>(&'a BlockCsr<R>);
+
+impl<R> LinearSystem<R> for Stored<'_, R> {
+    fn assembled(&mut self) -> &BlockCsr<R> {
+        self.0
     }
 }

@@ -5,21 +5,26 @@
 //! constrained node.
 //!
 //! The recursive residual `r` only decides when to look: what counts is `|b - A x| / |b|` of the rounded solution, computed in
-//! f64 from the caller's matrix. When it is larger than asked for, the iteration starts again from that residual.
+//! f64 from the caller's matrix. When it is larger than asked for, the iteration starts again from that residual and adds to
+//! the solution, so that an iteration in f32 reaches the digits of f64.
 
 pub(super) mod kernel;
 
+use super::cubes::{self, FreeCubes};
 use super::free::FreePattern;
 use super::multigrid::Cycle;
 use super::quads::Quads;
-use super::{LinearSolver, SolveError, SolveReport, residual};
-use crate::{BlockCsr, BlockPattern, DofConstraints, Scalar, run_wide};
+use super::{LinearSolver, LinearSystem, SolveError, SolveReport, residual};
+use crate::{BlockCsr, BlockPattern, CubeMatrix, DofConstraints, Scalar, run_wide};
 use kernel::{Blocks, Direction, Inverse, Product, Update, inverse_of_block};
 use rayon::prelude::*;
 use std::sync::Arc;
 
 /// Rows per chunk: the unit of work of a thread and of the order of summation.
-const ROWS: usize = 256;
+const ROWS: usize = cubes::ROWS;
+
+/// The recursive residual of a pass is believed down to this many roundings of its start.
+const BELIEVED: f64 = 50.0;
 
 /// Block-Jacobi preconditioned conjugate gradients. Bitwise equal results for any thread count and machine.
 #[derive(Debug)]
@@ -30,6 +35,8 @@ pub struct Pcg<R> {
     prepared: Option<Arc<BlockPattern>>,
     pattern: FreePattern,
     values: Blocks<R>,
+    /// Present where products take the cubes instead of the values.
+    cubes: Option<Box<CubeProducts<R>>>,
     inverse: Vec<Inverse<R>>,
     /// Free rows without a single entry: treated as rows of the identity.
     identity: Vec<bool>,
@@ -39,8 +46,43 @@ pub struct Pcg<R> {
     p: Quads<R>,
     q: Quads<R>,
     partial: Vec<[f64; 2]>,
-    candidate: Vec<[R; 3]>,
+    /// The solution so far, rounded to the caller's numbers.
+    candidate: Vec<[f64; 3]>,
     true_residual: Vec<[f64; 3]>,
+}
+
+/// Products with cubes, for the iteration and for the true residual.
+#[derive(Debug)]
+struct CubeProducts<R> {
+    own: FreeCubes<R>,
+    exact: FreeCubes<f64>,
+    x: Quads<f64>,
+    y: Quads<f64>,
+}
+
+/// Where a matrix comes from.
+pub(super) enum Source<'a, R> {
+    Stored(&'a BlockCsr<R>),
+    Cubes(&'a CubeMatrix<R>),
+}
+
+impl<R> Clone for Source<'_, R> {
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+
+impl<R> Copy for Source<'_, R> {}
+
+impl<'a, R> Source<'a, R> {
+    /// The cubes if there are any.
+    pub fn of(system: &'a mut dyn LinearSystem<R>) -> Self {
+        if system.cubes().is_some() {
+            Self::Cubes(system.cubes().expect("it just had them"))
+        } else {
+            Self::Stored(system.assembled())
+        }
+    }
 }
 
 impl<R: Scalar> Default for Pcg<R> {
@@ -58,6 +100,7 @@ impl<R: Scalar> Pcg<R> {
             prepared: None,
             pattern: FreePattern::default(),
             values: Blocks::default(),
+            cubes: None,
             inverse: Vec::new(),
             identity: Vec::new(),
             x: Quads::zero(0),
@@ -71,18 +114,50 @@ impl<R: Scalar> Pcg<R> {
         }
     }
 
-    /// Copies the free blocks and inverts the diagonal ones.
-    fn load(&mut self, matrix: &BlockCsr<R>) -> Result<(), SolveError> {
-        let used = 9 * self.pattern.block_count();
-        load_rows(&self.pattern, matrix, 0, &mut self.values.0[..used], &mut self.inverse, &mut self.identity)
+    /// Copies the free blocks, or the cubes, and inverts the diagonal blocks (always those of stored matrices, whose faults
+    /// show there).
+    fn load<B: Scalar>(&mut self, source: Source<'_, B>, jacobi: bool) -> Result<(), SolveError> {
+        let matrix = match source {
+            Source::Stored(matrix) => {
+                self.cubes = None;
+                if self.values.0.is_empty() {
+                    self.values = Blocks::zero(self.pattern.block_count());
+                }
+                let used = 9 * self.pattern.block_count();
+                let values = &mut self.values.0[..used];
+                return load_rows(&self.pattern, matrix, 0, values, &mut self.inverse, &mut self.identity);
+            }
+            Source::Cubes(matrix) => matrix,
+        };
+        let n = self.pattern.row_count();
+        if !self.cubes.as_ref().is_some_and(|c| c.own.belongs_to(&matrix.pattern)) {
+            self.cubes = Some(Box::new(CubeProducts {
+                own: FreeCubes::new(&matrix.pattern, &self.pattern),
+                exact: FreeCubes::new(&matrix.pattern, &self.pattern),
+                x: Quads::zero(n),
+                y: Quads::zero(n),
+            }));
+        }
+        self.identity.fill(false);
+        let cubes = self.cubes.as_mut().expect("made above");
+        cubes.own.load(matrix, &self.pattern);
+        cubes.exact.load(matrix, &self.pattern);
+        if jacobi {
+            cubes.own.invert_diagonal(&mut self.inverse);
+        }
+        Ok(())
     }
 
     /// `q = A p`; returns `pᵀ q`.
     fn product(&mut self) -> f64 {
-        let (pattern, values, p) = (&self.pattern, &self.values, self.p.get());
-        self.q.get_mut().par_chunks_mut(ROWS).zip(&mut self.partial).enumerate().for_each(|(c, (y, partial))| {
-            partial[0] = run_wide::<R, _>(Product { pattern, values, x: p, first: c * ROWS, y });
-        });
+        if let Some(cubes) = &mut self.cubes {
+            cubes.own.product_dot(self.p.padded(), self.q.get_mut(), &mut self.partial);
+        } else {
+            let (pattern, values, p) = (&self.pattern, &self.values, self.p.get());
+            self.q.get_mut().par_chunks_mut(ROWS).zip(&mut self.partial).enumerate().for_each(|(c, (y, partial))| {
+                partial[0] = run_wide::<R, _>(Product { pattern, values, x: p, first: c * ROWS, y });
+            });
+        }
         self.partial.iter().map(|p| p[0]).sum()
     }
 
@@ -168,15 +243,35 @@ impl<R: Scalar> Pcg<R> {
         row.map_or(0, |row| self.pattern.node[row] as usize)
     }
 
-    /// Writes the rounded, unscaled solution and returns its true relative residual, leaving the residual vector for a restart.
-    fn examine(&mut self, matrix: &BlockCsr<R>, rhs: &[[R; 3]], scale: f64, norm: f64) -> f64 {
+    /// Adds what the iteration has found, rounds, and returns the square norm of the true residual, which is left in
+    /// `true_residual`. All is multiplied by `scale`, the iteration's part by `part` on top of it.
+    fn examine<B: Scalar>(&mut self, source: Source<'_, B>, rhs: &[[B; 3]], scale: f64, part: f64) -> f64 {
+        let factor = 1.0 / (scale * part);
         for (candidate, x) in self.candidate.iter_mut().zip(self.x.get()) {
-            *candidate = std::array::from_fn(|c| R::from_f64(x[c].to_f64() / scale));
+            *candidate = std::array::from_fn(|c| B::from_f64(candidate[c] + x[c].to_f64() * factor).to_f64());
         }
         let candidate = &self.candidate;
-        let x = |row: usize| candidate[row].map(Scalar::to_f64);
-        let out = Some(&mut self.true_residual[..]);
-        residual::squared(&self.pattern, &self.identity, scale, matrix, rhs, &x, out).sqrt() / norm
+        match (source, &mut self.cubes) {
+            (Source::Cubes(_), Some(cubes)) => {
+                for (x, v) in cubes.x.get_mut().iter_mut().zip(candidate) {
+                    *x = [v[0], v[1], v[2], 0.0];
+                }
+                cubes.exact.product(cubes.x.padded(), cubes.y.get_mut());
+                let mut square = 0.0;
+                for ((r, y), node) in self.true_residual.iter_mut().zip(cubes.y.get()).zip(&self.pattern.node) {
+                    let b = rhs[*node as usize];
+                    *r = std::array::from_fn(|c| (b[c].to_f64() - y[c]) * scale);
+                    square += r[0] * r[0] + r[1] * r[1] + r[2] * r[2];
+                }
+                square
+            }
+            (Source::Stored(matrix), _) => {
+                let x = |row: usize| candidate[row];
+                let out = Some(&mut self.true_residual[..]);
+                residual::squared(&self.pattern, &self.identity, scale, matrix, rhs, &x, out)
+            }
+            (Source::Cubes(_), None) => f64::NAN,
+        }
     }
 }
 
@@ -188,14 +283,16 @@ impl<R: Scalar> LinearSolver<R> for Pcg<R> {
     fn prepare(&mut self, pattern: &Arc<BlockPattern>, constraints: &DofConstraints) -> Result<(), SolveError> {
         let free = FreePattern::new(pattern, constraints);
         let n = free.row_count();
-        self.values = Blocks::zero(free.block_count());
+        // made when a stored matrix comes
+        self.values = Blocks::default();
+        self.cubes = None;
         self.inverse = vec![[[R::zero(); 4]; 3]; n];
         self.identity = vec![false; n];
         for v in [&mut self.x, &mut self.r, &mut self.z, &mut self.p, &mut self.q] {
             *v = Quads::zero(n);
         }
         self.partial = vec![[0.0; 2]; n.div_ceil(ROWS)];
-        self.candidate = vec![[R::zero(); 3]; n];
+        self.candidate = vec![[0.0; 3]; n];
         self.true_residual = vec![[0.0; 3]; n];
         self.pattern = free;
         self.prepared = Some(Arc::clone(pattern));
@@ -209,80 +306,106 @@ impl<R: Scalar> LinearSolver<R> for Pcg<R> {
         solution: &mut [[R; 3]],
         tolerance: f64,
     ) -> Result<SolveReport, SolveError> {
-        self.solve_with(matrix, rhs, solution, tolerance, None)
+        self.solve_with(Source::Stored(matrix), rhs, solution, tolerance, None)
+    }
+
+    fn solve_system(
+        &mut self,
+        system: &mut dyn LinearSystem<R>,
+        rhs: &[[R; 3]],
+        solution: &mut [[R; 3]],
+        tolerance: f64,
+    ) -> Result<SolveReport, SolveError> {
+        self.solve_with(Source::of(system), rhs, solution, tolerance, None)
     }
 }
 
 impl<R: Scalar> Pcg<R> {
-    /// As `solve`, preconditioned by the cycle when there is one.
-    pub(super) fn solve_with(
+    /// As `solve`, for a system in other numbers too, preconditioned by the cycle when there is one.
+    pub(super) fn solve_with<B: Scalar>(
         &mut self,
-        matrix: &BlockCsr<R>,
-        rhs: &[[R; 3]],
-        solution: &mut [[R; 3]],
+        source: Source<'_, B>,
+        rhs: &[[B; 3]],
+        solution: &mut [[B; 3]],
         tolerance: f64,
         cycle: Option<&mut Cycle>,
     ) -> Result<SolveReport, SolveError> {
-        let whole = self.prepared.as_ref().ok_or(SolveError::NotPrepared)?;
-        super::check_system(whole, matrix, rhs, solution)?;
+        match source {
+            Source::Stored(matrix) => self.check(matrix, rhs, solution)?,
+            Source::Cubes(matrix) => {
+                let nodes = self.prepared.as_ref().ok_or(SolveError::NotPrepared)?.row_count();
+                if matrix.pattern.node_count != nodes || rhs.len() != nodes || solution.len() != nodes {
+                    return Err(SolveError::NotPrepared);
+                }
+            }
+        }
         // on the pool's own threads, so that each loop does not enter it anew
-        rayon::scope(|_| self.solve_inside(matrix, rhs, solution, tolerance, cycle))
+        rayon::scope(|_| self.solve_inside(source, rhs, solution, tolerance, cycle))
     }
 
-    fn solve_inside(
+    /// Does the system belong to the prepared pattern?
+    pub(super) fn check<B: Scalar>(
+        &self,
+        matrix: &BlockCsr<B>,
+        rhs: &[[B; 3]],
+        solution: &[[B; 3]],
+    ) -> Result<(), SolveError> {
+        let whole = self.prepared.as_ref().ok_or(SolveError::NotPrepared)?;
+        super::check_system(whole, matrix, rhs, solution)
+    }
+
+    fn solve_inside<B: Scalar>(
         &mut self,
-        matrix: &BlockCsr<R>,
-        rhs: &[[R; 3]],
-        solution: &mut [[R; 3]],
+        source: Source<'_, B>,
+        rhs: &[[B; 3]],
+        solution: &mut [[B; 3]],
         tolerance: f64,
         mut cycle: Option<&mut Cycle>,
     ) -> Result<SolveReport, SolveError> {
-        self.load(matrix)?;
+        self.load(source, cycle.is_none())?;
         let Some(scale) = self.pattern.scale_of(rhs)? else {
-            solution.fill([R::zero(); 3]);
+            solution.fill([B::zero(); 3]);
             return Ok(SolveReport { solver: "pcg", iterations: 0, residual: 0.0, converged: true });
         };
-        // start from zero with the scaled right-hand side
-        for v in [&mut self.x, &mut self.p, &mut self.q] {
-            v.get_mut().fill([R::zero(); 4]);
-        }
+        self.candidate.fill([0.0; 3]);
         let mut square = 0.0;
-        for (r, node) in self.r.get_mut().iter_mut().zip(&self.pattern.node) {
-            let b = rhs[*node as usize].map(|b| b.to_f64() * scale);
-            square += b[0] * b[0] + b[1] * b[1] + b[2] * b[2];
-            *r = [R::from_f64(b[0]), R::from_f64(b[1]), R::from_f64(b[2]), R::zero()];
+        for (r, node) in self.true_residual.iter_mut().zip(&self.pattern.node) {
+            *r = rhs[*node as usize].map(|b| b.to_f64() * scale);
+            square += r[0] * r[0] + r[1] * r[1] + r[2] * r[2];
         }
-        let (norm, target) = (square.sqrt(), tolerance * tolerance * square);
-        let (mut iterations, mut before) = (0, f64::INFINITY);
+        let (norm, mut left) = (square.sqrt(), square);
+        let mut iterations = 0;
         loop {
-            iterations +=
-                self.iterate(target, self.iteration_limit.saturating_sub(iterations), cycle.as_deref_mut())?;
-            let residual = self.examine(matrix, rhs, scale, norm);
+            // each pass solves for what is left, of size 1 again: f32 has the digits but not the range
+            let part = (-left.sqrt().log2().floor()).exp2();
+            for (r, t) in self.r.get_mut().iter_mut().zip(&self.true_residual) {
+                *r = [R::from_f64(t[0] * part), R::from_f64(t[1] * part), R::from_f64(t[2] * part), R::zero()];
+            }
+            for v in [&mut self.x, &mut self.p, &mut self.q] {
+                v.get_mut().fill([R::zero(); 4]);
+            }
+            // no further than the recursion can be believed
+            let goal = (tolerance * norm).powi(2).max(left * (BELIEVED * R::EPSILON.to_f64()).powi(2)) * part * part;
+            iterations += self.iterate(goal, self.iteration_limit.saturating_sub(iterations), cycle.as_deref_mut())?;
+            let before = left;
+            left = self.examine(source, rhs, scale, part);
+            let residual = left.sqrt() / norm;
             if residual <= tolerance {
                 self.pattern.scatter(&self.candidate, solution);
                 return Ok(SolveReport { solver: "pcg", iterations, residual, converged: true });
             }
-            // each restart must gain something, or rounding has the last word
-            if iterations >= self.iteration_limit || residual.is_nan() || residual >= 0.5 * before {
+            // each pass must gain something, or rounding has the last word
+            if iterations >= self.iteration_limit || left.is_nan() || left >= 0.25 * before {
                 return Err(SolveError::NotConverged { solver: "pcg", residual, iterations, tolerance });
-            }
-            before = residual;
-            for (r, t) in self.r.get_mut().iter_mut().zip(&self.true_residual) {
-                *r = [R::from_f64(t[0]), R::from_f64(t[1]), R::from_f64(t[2]), R::zero()];
-            }
-            // restarts add to the rounded solution, which is what the residual belongs to
-            for (x, c) in self.x.get_mut().iter_mut().zip(&self.candidate) {
-                let c = c.map(|c| R::from_f64(c.to_f64() * scale));
-                *x = [c[0], c[1], c[2], R::zero()];
             }
         }
     }
 }
 
 /// Fills the values, inverses and identity marks of the rows from `first` on; halves the work between threads.
-fn load_rows<R: Scalar>(
+fn load_rows<R: Scalar, B: Scalar>(
     pattern: &FreePattern,
-    matrix: &BlockCsr<R>,
+    matrix: &BlockCsr<B>,
     first: usize,
     values: &mut [R],
     inverse: &mut [Inverse<R>],
@@ -309,7 +432,7 @@ fn load_rows<R: Scalar>(
         // zero times anything finite is zero: one comparison per row instead of nine per block
         let (mut finite, mut any) = (R::zero(), false);
         for k in row {
-            let block = matrix.values[pattern.source[k] as usize];
+            let block = matrix.values[pattern.source[k] as usize].map(|v| R::from_f64(v.to_f64()));
             for v in block {
                 finite += v * R::zero();
                 any |= v != R::zero();

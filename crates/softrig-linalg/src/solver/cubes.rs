@@ -1,0 +1,322 @@
+//! Products with a [`CubeMatrix`] on its free nodes, without assembling it.
+//!
+//! Two owner-computes passes: every cube computes the forces on its corners, then every node adds up those of its cubes, in a
+//! fixed order.
+
+use super::free::FreePattern;
+use super::pcg::kernel::{Inverse, inverse_of_block};
+use crate::cubes::{CORNER, corner_factors, corners, mode_factor, modes, stiffness};
+use crate::{CubeMatrix, CubePattern, Kernel, Lane, Mat3, Scalar, Vec3, Wide, run_wide};
+use rayon::prelude::*;
+use std::sync::Arc;
+
+/// Cubes side by side in memory: a multiple of every register's lanes.
+const BLOCK: usize = 16;
+/// Blocks per task.
+const TASK: usize = 16;
+/// Rows per task, and per partial sum of [`super::pcg`].
+pub(in crate::solver) const ROWS: usize = 256;
+
+/// [`BLOCK`] cubes, number by number. The last block is filled up with cubes of no stiffness.
+#[derive(Clone, Debug)]
+struct CubeBlock<A> {
+    /// R_ij as `rotation[i][j]`.
+    rotation: [[[A; BLOCK]; 3]; 3],
+    lambda: [A; BLOCK],
+    mu: [A; BLOCK],
+    /// Free row of each corner; the row after the last one, which holds zero, for constrained corners.
+    row: [[u32; BLOCK]; 8],
+}
+
+/// The free part of a [`CubeMatrix`] in numbers of type `A`.
+#[derive(Debug)]
+pub(in crate::solver) struct FreeCubes<A> {
+    blocks: Vec<CubeBlock<A>>,
+    /// Force on each corner of each cube.
+    force: Vec<[[A; 4]; 8]>,
+    diagonal: Vec<A>,
+    pattern: Arc<CubePattern>,
+    /// cube * 8 + corner of the corners at each row.
+    slot_start: Vec<u32>,
+    slot: Vec<u32>,
+}
+
+impl<A: Scalar> FreeCubes<A> {
+    pub fn new(pattern: &Arc<CubePattern>, free: &FreePattern) -> Self {
+        let rows = free.row_count();
+        let mut row_of = vec![rows as u32; pattern.node_count];
+        for (row, node) in free.node.iter().enumerate() {
+            row_of[*node as usize] = row as u32;
+        }
+        let mut slot_start = vec![0u32; rows + 2];
+        let row_of_corner: Vec<u32> = pattern.nodes.iter().flatten().map(|n| row_of[*n as usize]).collect();
+        for row in &row_of_corner {
+            slot_start[*row as usize + 1] += 1;
+        }
+        for i in 0..=rows {
+            slot_start[i + 1] += slot_start[i];
+        }
+        let mut next = slot_start.clone();
+        let mut slot = vec![0; row_of_corner.len()];
+        for (k, row) in row_of_corner.iter().enumerate() {
+            let at = &mut next[*row as usize];
+            slot[*at as usize] = k as u32;
+            *at += 1;
+        }
+        slot.truncate(slot_start[rows] as usize);
+        slot_start.truncate(rows + 1);
+        let cubes = pattern.nodes.len();
+        let zero = [A::zero(); BLOCK];
+        let blocks = (0..cubes.div_ceil(BLOCK))
+            .map(|k| CubeBlock {
+                rotation: [[zero; 3]; 3],
+                lambda: zero,
+                mu: zero,
+                row: std::array::from_fn(|a| {
+                    std::array::from_fn(|l| *row_of_corner.get(8 * (k * BLOCK + l) + a).unwrap_or(&(rows as u32)))
+                }),
+            })
+            .collect::<Vec<_>>();
+        let force = vec![[[A::zero(); 4]; 8]; blocks.len() * BLOCK];
+        Self { blocks, force, diagonal: vec![A::zero(); rows], pattern: pattern.clone(), slot_start, slot }
+    }
+
+    pub fn belongs_to(&self, pattern: &Arc<CubePattern>) -> bool {
+        Arc::ptr_eq(&self.pattern, pattern)
+    }
+
+    /// Takes the numbers of a matrix on the pattern it was made for.
+    pub fn load<R: Scalar>(&mut self, matrix: &CubeMatrix<R>, free: &FreePattern) {
+        let factor = mode_factor(matrix.pattern.edge);
+        let cast = |v: R| A::from_f64(v.to_f64());
+        self.blocks.par_iter_mut().enumerate().for_each(|(k, block)| {
+            for l in 0..BLOCK.min(matrix.lame.len() - k * BLOCK) {
+                let columns = &matrix.rotation[k * BLOCK + l];
+                for i in 0..3 {
+                    for j in 0..3 {
+                        block.rotation[i][j][l] = cast(columns[j][i]);
+                    }
+                }
+                let [lambda, mu] = matrix.lame[k * BLOCK + l];
+                block.lambda[l] = A::from_f64(lambda.to_f64() * factor);
+                block.mu[l] = A::from_f64(mu.to_f64() * factor);
+            }
+        });
+        for (to, node) in self.diagonal.iter_mut().zip(&free.node) {
+            *to = cast(matrix.diagonal[*node as usize]);
+        }
+    }
+
+    /// Inverts the diagonal blocks; one that has no inverse becomes zero.
+    pub fn invert_diagonal(&self, inverse: &mut [Inverse<A>]) {
+        inverse.par_chunks_mut(ROWS).enumerate().for_each(|(c, inverse)| {
+            for (k, inverse) in inverse.iter_mut().enumerate() {
+                let row = c * ROWS + k;
+                // α I + β t tᵀ of each corner, above the diagonal
+                let mut sum = [A::zero(); 6];
+                let mut alpha = self.diagonal[row];
+                for slot in self.slots(row) {
+                    let (cube, corner) = (*slot as usize / 8, *slot as usize % 8);
+                    let (block, l) = (&self.blocks[cube / BLOCK], cube % BLOCK);
+                    let (a, b) = corner_factors(block.lambda[l], block.mu[l]);
+                    alpha += a;
+                    let t = block.rotation.map(|row| {
+                        let part = |j: usize| if CORNER[corner][j] > 0.0 { row[j][l] } else { -row[j][l] };
+                        part(0) + part(1) + part(2)
+                    });
+                    let bt = t.map(|t| b * t);
+                    for (sum, (i, j)) in sum.iter_mut().zip([(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)]) {
+                        *sum += bt[i] * t[j];
+                    }
+                }
+                let [xx, yy, zz, xy, xz, yz] = sum;
+                let m = [xx + alpha, xy, xz, xy, yy + alpha, yz, xz, yz, zz + alpha];
+                *inverse = inverse_of_block(m.map(Scalar::to_f64)).unwrap_or_default();
+            }
+        });
+    }
+
+    #[inline(always)]
+    fn slots(&self, row: usize) -> &[u32] {
+        &self.slot[self.slot_start[row] as usize..self.slot_start[row + 1] as usize]
+    }
+
+    /// `y = A x`. `x` has one entry more than there are rows, a zero.
+    pub fn product(&mut self, x: &[[A; 4]], y: &mut [[A; 4]]) {
+        self.corner_forces(x);
+        let cubes = &*self;
+        y.par_chunks_mut(ROWS).enumerate().for_each(|(c, y)| {
+            run_wide::<A, _>(Collect { cubes, x, first: c * ROWS, y, subtract: false });
+        });
+    }
+
+    /// `r -= A x`.
+    pub fn subtract_product(&mut self, x: &[[A; 4]], r: &mut [[A; 4]]) {
+        self.corner_forces(x);
+        let cubes = &*self;
+        r.par_chunks_mut(ROWS).enumerate().for_each(|(c, y)| {
+            run_wide::<A, _>(Collect { cubes, x, first: c * ROWS, y, subtract: true });
+        });
+    }
+
+    /// As `product`; also writes the first of each `partial`: `xᵀ y` over a chunk of 256 rows.
+    pub fn product_dot(&mut self, x: &[[A; 4]], y: &mut [[A; 4]], partial: &mut [[f64; 2]]) {
+        self.corner_forces(x);
+        let cubes = &*self;
+        y.par_chunks_mut(ROWS).zip(partial).enumerate().for_each(|(c, (y, partial))| {
+            partial[0] = run_wide::<A, _>(Collect { cubes, x, first: c * ROWS, y, subtract: false });
+        });
+    }
+
+    fn corner_forces(&mut self, x: &[[A; 4]]) {
+        assert!(x.len() == self.diagonal.len() + 1);
+        let tasks = self.blocks.par_chunks(TASK).zip(self.force.par_chunks_mut(TASK * BLOCK));
+        tasks.for_each(|(blocks, force)| run_wide::<A, _>(Forces { blocks, x, force }));
+    }
+}
+
+/// Forces of a task's cubes on their corners.
+struct Forces<'a, A> {
+    blocks: &'a [CubeBlock<A>],
+    x: &'a [[A; 4]],
+    force: &'a mut [[[A; 4]; 8]],
+}
+
+/// Three components of the corner vectors of a block.
+type Corners<A> = [[[A; BLOCK]; 8]; 3];
+
+impl<A: Scalar> Kernel for Forces<'_, A> {
+    type Output = ();
+    #[inline(always)]
+    fn run<const W: usize>(self) {
+        let zero: Corners<A> = [[[A::zero(); BLOCK]; 8]; 3];
+        // the next block is fetched before this one is computed: a register cannot be read back from the four smaller writes
+        // it was put together by until these have reached the cache
+        let mut fetched = [zero, zero];
+        let mut out = zero;
+        if let Some(block) = self.blocks.first() {
+            fetch(block, self.x, &mut fetched[0]);
+        }
+        for (k, force) in self.force.as_chunks_mut::<BLOCK>().0.iter_mut().enumerate() {
+            if let Some(block) = self.blocks.get(k + 1) {
+                fetch(block, self.x, &mut fetched[(k + 1) % 2]);
+            }
+            // registers end here: the compiler would otherwise carry single numbers through the sums below
+            let u = &std::hint::black_box(&fetched)[k % 2];
+            let block = &self.blocks[k];
+            for first in (0..BLOCK).step_by(W) {
+                cubes::<A, W>(block, first, u, &mut out);
+            }
+            hand_out(std::hint::black_box(&out), force);
+        }
+    }
+}
+
+#[inline(always)]
+fn fetch<A: Scalar>(block: &CubeBlock<A>, x: &[[A; 4]], u: &mut Corners<A>) {
+    for a in 0..8 {
+        for first in (0..BLOCK).step_by(4) {
+            // SAFETY: rows are at most the row count, and `x` has one entry more (asserted in `corner_forces`).
+            let at = |l: usize| unsafe { x.get_unchecked(block.row[a][first + l] as usize) };
+            let columns = A::transposed([at(0), at(1), at(2), at(3)]);
+            for c in 0..3 {
+                u[c][a][first..first + 4].copy_from_slice(&columns[c]);
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn hand_out<A: Scalar>(f: &Corners<A>, force: &mut [[[A; 4]; 8]; BLOCK]) {
+    for a in 0..8 {
+        for first in (0..BLOCK).step_by(4) {
+            let part = |c: usize| &f[c][a].as_chunks::<4>().0[first / 4];
+            let quads = A::transposed([part(0), part(1), part(2), &[A::zero(); 4]]);
+            for l in 0..4 {
+                force[first + l][a] = quads[l];
+            }
+        }
+    }
+}
+
+/// Forces of `W` cubes of a block.
+#[inline(always)]
+fn cubes<A: Scalar, const W: usize>(block: &CubeBlock<A>, first: usize, u: &Corners<A>, out: &mut Corners<A>) {
+    let mut amplitude = [[Wide([A::zero(); W]); 7]; 3];
+    for i in 0..3 {
+        let mut corner = [Wide([A::zero(); W]); 8];
+        for a in 0..8 {
+            corner[a] = lanes::<A, W>(&u[i][a], first);
+        }
+        amplitude[i] = modes(corner);
+    }
+    let mut rotation = Mat3::zero();
+    for i in 0..3 {
+        for j in 0..3 {
+            rotation.0[i][j] = lanes::<A, W>(&block.rotation[i][j], first);
+        }
+    }
+    let [x, y, z] = amplitude;
+    let mut c = [Vec3::zero(); 7];
+    for n in 0..7 {
+        c[n] = rotation.transpose_mul(Vec3([x[n], y[n], z[n]]));
+    }
+    let mut f = stiffness(lanes::<A, W>(&block.lambda, first), lanes::<A, W>(&block.mu, first), c);
+    for f in &mut f {
+        *f = rotation * *f;
+    }
+    for i in 0..3 {
+        let mut part = [Wide([A::zero(); W]); 7];
+        for n in 0..7 {
+            part[n] = f[n].0[i];
+        }
+        let at = corners(part);
+        for a in 0..8 {
+            for l in 0..W {
+                out[i][a][first + l] = at[a].0[l];
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn lanes<A: Scalar, const W: usize>(from: &[A; BLOCK], first: usize) -> Wide<A, W> {
+    let mut out = Wide([A::zero(); W]);
+    out.0.copy_from_slice(&from[first..first + W]);
+    out
+}
+
+/// Adds up the corner forces at rows `first..first + y.len()`; returns `xᵀ y` over them.
+struct Collect<'a, A> {
+    cubes: &'a FreeCubes<A>,
+    x: &'a [[A; 4]],
+    first: usize,
+    y: &'a mut [[A; 4]],
+    /// Take the sum off what is there.
+    subtract: bool,
+}
+
+impl<A: Scalar> Kernel for Collect<'_, A> {
+    type Output = f64;
+    #[inline(always)]
+    fn run<const W: usize>(self) -> f64 {
+        let force = self.cubes.force.as_flattened();
+        let mut dot = [0.0f64; 4];
+        for (k, y) in self.y.iter_mut().enumerate() {
+            let row = self.first + k;
+            let x = Wide(self.x[row]);
+            let mut sum = x * Wide::splat(self.cubes.diagonal[row]);
+            for slot in self.cubes.slots(row) {
+                sum += Wide(force[*slot as usize]);
+            }
+            *y = if self.subtract { (Wide(*y) - sum).0 } else { sum.0 };
+            for i in 0..4 {
+                dot[i] += sum.0[i].to_f64() * x.0[i].to_f64();
+            }
+        }
+        (dot[0] + dot[1]) + (dot[2] + dot[3])
+    }
+}
+
+#[cfg(test)]
+mod tests;
