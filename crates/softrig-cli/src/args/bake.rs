@@ -13,10 +13,10 @@ use std::path::PathBuf;
 #[command(next_help_heading = "Reading the file")]
 pub struct ImportArgs {
     /// Height of the character in metres [default: guessed from the file's numbers, and said]
-    #[arg(long, value_name = "M", value_parser = positive, conflicts_with = "unit")]
+    #[arg(long, value_name = "M", value_parser = positive, allow_negative_numbers = true, conflicts_with = "unit")]
     pub height: Option<f64>,
     /// Metres per unit of the file [default: guessed from its numbers, and said]
-    #[arg(long, value_name = "M", value_parser = positive)]
+    #[arg(long, value_name = "M", value_parser = positive, allow_negative_numbers = true)]
     pub unit: Option<f64>,
     /// Which axis of the file points up [default: y, as glTF says; a file that looks otherwise is reported]
     #[arg(long, value_name = "AXIS")]
@@ -27,11 +27,11 @@ pub struct ImportArgs {
 #[derive(Clone, Debug, Default, Args)]
 #[command(next_help_heading = "Cells")]
 pub struct BodyArgs {
-    /// Number of cells, met within 10 % [default: 8000]
-    #[arg(long, value_name = "N", value_parser = at_least_one, conflicts_with = "spacing")]
+    /// Number of cells, met within 10 % from 1000 on [default: 8000]
+    #[arg(long, value_name = "N", value_parser = at_least_one, allow_negative_numbers = true, conflicts_with = "spacing")]
     pub cells: Option<usize>,
     /// Edge of a cell in metres, instead of --cells
-    #[arg(long, value_name = "M", value_parser = positive)]
+    #[arg(long, value_name = "M", value_parser = positive, allow_negative_numbers = true)]
     pub spacing: Option<f64>,
     /// Hexahedra (voxels) or tetrahedra [default: hex]
     #[arg(long, value_name = "KIND")]
@@ -52,16 +52,16 @@ pub struct BakeArgs {
     #[arg(long, value_name = "NAME|N|all|FILE.bvh", help_heading = "Motion")]
     pub clip: Option<String>,
     /// Frames per second of the result [default: 30]
-    #[arg(long, value_name = "F", value_parser = positive, help_heading = "Motion")]
+    #[arg(long, value_name = "F", value_parser = positive, allow_negative_numbers = true, help_heading = "Motion")]
     pub fps: Option<f64>,
     /// Only these frames of the clip; B is left out [default: the whole clip]
-    #[arg(long, value_name = "A..B", help_heading = "Motion")]
+    #[arg(long, value_name = "A..B", allow_negative_numbers = true, help_heading = "Motion")]
     pub frames: Option<FrameRange>,
     /// Plays the clip this many times as fast [default: 1]
-    #[arg(long, value_name = "X", value_parser = positive, help_heading = "Motion")]
+    #[arg(long, value_name = "X", value_parser = positive, allow_negative_numbers = true, help_heading = "Motion")]
     pub speed: Option<f64>,
     /// Seconds in which the flesh settles before the first frame [default: 0.5]
-    #[arg(long, value_name = "S", value_parser = not_negative, help_heading = "Motion")]
+    #[arg(long, value_name = "S", value_parser = not_negative, allow_negative_numbers = true, help_heading = "Motion")]
     pub preroll: Option<f64>,
     /// Takes the bind shape as already in balance with gravity, so nothing sags
     #[arg(long, help_heading = "Motion")]
@@ -77,7 +77,7 @@ pub struct BakeArgs {
     #[arg(long, value_name = "NAME", help_heading = "Physics")]
     pub solver: Option<SolverName>,
     /// Relative residual asked of every linear solve [default: 1e-6]
-    #[arg(long, value_name = "X", value_parser = positive, help_heading = "Physics")]
+    #[arg(long, value_name = "X", value_parser = positive, allow_negative_numbers = true, help_heading = "Physics")]
     pub tolerance: Option<f64>,
     /// Numbers to compute with [default: f64]
     #[arg(long, value_name = "P", help_heading = "Physics")]
@@ -103,7 +103,7 @@ pub struct BakeArgs {
     #[arg(long, value_name = "F.csv", help_heading = "Results")]
     pub forces: Option<PathBuf>,
     /// Most morph targets of a .glb [default: 64]
-    #[arg(long, value_name = "N", value_parser = at_least_one, help_heading = "Results")]
+    #[arg(long, value_name = "N", value_parser = at_least_one, allow_negative_numbers = true, help_heading = "Results")]
     pub morphs: Option<usize>,
     /// Write the settings of this bake as a scene file and stop
     #[arg(long, value_name = "SCENE.toml", help_heading = "Results")]

@@ -67,7 +67,7 @@ pub struct DemoArgs {
     #[arg(long, value_name = "NAME", default_value = "jump")]
     pub clip: String,
     /// Number of cells of its body
-    #[arg(long, value_name = "N", default_value = "3000", value_parser = at_least_one)]
+    #[arg(long, value_name = "N", default_value = "3000", value_parser = at_least_one, allow_negative_numbers = true)]
     pub cells: usize,
     /// Replace the results of an earlier demo
     #[arg(long)]
@@ -125,19 +125,19 @@ pub struct RenderArgs {
     pub with: Option<PathBuf>,
     /// Only this frame, counted from 0 [default: the first for .png, where a character without --clip stands in its bind pose;
     /// all otherwise]
-    #[arg(long, value_name = "N", conflicts_with = "frames")]
+    #[arg(long, value_name = "N", conflicts_with = "frames", allow_negative_numbers = true)]
     pub frame: Option<usize>,
     /// Only these frames; B is left out
-    #[arg(long, value_name = "A..B")]
+    #[arg(long, value_name = "A..B", allow_negative_numbers = true)]
     pub frames: Option<FrameRange>,
     /// Clip that moves a character or scene: a name or number [default: the first]
     #[arg(long, value_name = "NAME|N")]
     pub clip: Option<String>,
     /// Frames per second of a character's clip and of the .gif [default: those of the cache, 25 for a character]
-    #[arg(long, value_name = "F", value_parser = positive)]
+    #[arg(long, value_name = "F", value_parser = positive, allow_negative_numbers = true)]
     pub fps: Option<f64>,
     /// Where to look from: front, side, back, three-quarter, top, or an angle about the vertical in degrees
-    #[arg(long, value_name = "NAME", default_value = "three-quarter", value_parser = view_named)]
+    #[arg(long, value_name = "NAME", default_value = "three-quarter", value_parser = view_named, allow_negative_numbers = true)]
     pub view: View,
     /// Size of the picture in pixels
     #[arg(long, value_name = "WxH", default_value = "640x480")]
@@ -177,10 +177,10 @@ pub struct ConvertArgs {
     #[arg(long, value_name = "NAME|N")]
     pub clip: Option<String>,
     /// Frames per second of a .bvh [default: 30]
-    #[arg(long, value_name = "F", value_parser = positive)]
+    #[arg(long, value_name = "F", value_parser = positive, allow_negative_numbers = true)]
     pub fps: Option<f64>,
     /// Most morph targets of a .glb [default: 64]
-    #[arg(long, value_name = "N", value_parser = at_least_one)]
+    #[arg(long, value_name = "N", value_parser = at_least_one, allow_negative_numbers = true)]
     pub morphs: Option<usize>,
     /// How to read the file.
     #[command(flatten)]

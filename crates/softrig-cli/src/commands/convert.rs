@@ -2,7 +2,7 @@
 
 use super::bake::{
     Policy, Target, check_folder_of, clips, export_failure, journal_failure, make_folder_of, refuse_existing,
-    write_whole,
+    refuse_input, write_whole,
 };
 use super::mesh;
 use super::render::{Frames, journal_scene};
@@ -25,6 +25,7 @@ use std::path::Path;
 pub fn run(args: &ConvertArgs) -> Outcome {
     let (input, output) = (&args.input, &args.output);
     refuse_existing(output, policy(args))?;
+    refuse_input(output, [input.as_path()].into_iter().chain(args.with.as_deref()))?;
     check_folder_of(output)?;
     let to_bvh = crate::scene::is_bvh(output);
     match load::kind(input) {

@@ -1,6 +1,6 @@
 //! `softrig mesh`: a volume mesh around a surface or character, or one of another format.
 
-use super::bake::{Policy, check_folder_of, refuse_existing, volume, write_whole_with};
+use super::bake::{Policy, check_folder_of, refuse_existing, refuse_input, volume, write_whole_with};
 use crate::args::MeshArgs;
 use crate::failure::{Failure, Outcome};
 use crate::load::{self, FileKind};
@@ -58,6 +58,7 @@ impl VolumeInfo {
 pub fn run(args: &MeshArgs) -> Outcome {
     let format = format(&args.output)?;
     refuse_existing(&args.output, if args.force { Policy::Replace } else { Policy::Refuse })?;
+    refuse_input(&args.output, [args.file.as_path()])?;
     check_folder_of(&args.output)?;
     let mesh = match load::kind(&args.file) {
         FileKind::Volume => load::volume(&args.file)?,

@@ -34,6 +34,49 @@ fn nonsense_is_a_usage_error() {
     }
 }
 
+/// A number that cannot be is said to be one, not taken for an option.
+#[test]
+fn a_negative_number_is_a_wrong_value() {
+    let dir = folder();
+    for (flag, value) in
+        [("--height", "-1"), ("--cells", "-5"), ("--fps", "-30"), ("--spacing", "-0.1"), ("--preroll", "-1")]
+    {
+        let (code, _, err) = said(&softrig(dir.path(), &["bake", "a.glb", "-o", "b.pc2", flag, value]));
+        assert!(code == Some(2) && err.contains(&format!("invalid value '{value}' for '{flag}")), "{flag}: {err}");
+    }
+}
+
+/// Nothing a result is made from is ever replaced by it, whatever the name it goes by.
+#[test]
+fn an_input_is_never_replaced() {
+    let dir = folder();
+    let name = |n: &str| dir.path().join(n);
+    let character = "character = \"sample\"\n";
+    std::fs::write(name("scene.toml"), character).unwrap();
+    for file in ["hero.glb", "hero.pc2", "walk.bvh", "hero.softrig-journal", "hero.vtu", "hero.gif"] {
+        std::fs::write(name(file), "mine").unwrap();
+    }
+    for args in [
+        &["bake", "hero.glb", "-o", "hero.glb", "--force"][..],
+        &["bake", "hero.glb", "-o", "./hero.glb", "--resume"],
+        &["bake", "hero.glb", "-o", "o.pc2", "--report", "hero.glb", "--force"],
+        &["bake", "hero.glb", "-o", "o.pc2", "--clip", "walk.bvh", "--forces", "walk.bvh", "--force"],
+        &["bake", "scene.toml", "--write-scene", "scene.toml", "--force"],
+        &["convert", "hero.softrig-journal", "hero.softrig-journal", "--force"],
+        &["convert", "hero.pc2", "hero.glb", "--with", "hero.glb", "--force"],
+        &["convert", "walk.bvh", "walk.bvh", "--force"],
+        &["mesh", "hero.vtu", "-o", "hero.vtu", "--force"],
+        &["render", "hero.gif", "-o", "hero.gif", "--force"],
+    ] {
+        let (code, _, err) = said(&softrig(dir.path(), args));
+        assert!(code == Some(2) && err.contains("made from"), "{args:?}: {code:?} {err}");
+    }
+    for file in ["hero.glb", "hero.pc2", "walk.bvh", "hero.softrig-journal", "hero.vtu", "hero.gif"] {
+        assert_eq!(std::fs::read_to_string(name(file)).unwrap(), "mine", "{file}");
+    }
+    assert_eq!(std::fs::read_to_string(name("scene.toml")).unwrap(), character);
+}
+
 #[test]
 fn a_missing_file_is_named_and_the_inputs_fault() {
     let dir = folder();

@@ -6,7 +6,9 @@ mod prepare;
 mod resume;
 mod session;
 
-pub use output::{Policy, Target, check_folder_of, make_folder_of, refuse_existing, write_whole, write_whole_with};
+pub use output::{
+    Policy, Target, check_folder_of, make_folder_of, refuse_existing, refuse_input, write_whole, write_whole_with,
+};
 pub use prepare::{Prepared, clips, volume};
 pub use session::{Job, bake_clip, export_failure, journal_failure};
 
@@ -15,7 +17,7 @@ use crate::failure::{Failure, Outcome};
 use crate::load;
 use crate::scene::{Scene, template};
 use crate::ui;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Bakes one clip of a character, or all of them.
 ///
@@ -25,6 +27,11 @@ pub fn run(args: &BakeArgs) -> Outcome {
     let mut scene = load::scene(&args.file)?;
     scene.override_with(args);
     scene.check().map_err(|e| Failure::reading(&args.file, &e))?;
+    let clip_file = scene.motion.clip.clone().map(PathBuf::from).filter(|p| crate::scene::is_bvh(p));
+    let inputs = || [&args.file, &scene.character].into_iter().chain(&clip_file).map(PathBuf::as_path);
+    for result in [&args.output, &args.report, &args.forces, &args.write_scene].into_iter().flatten() {
+        refuse_input(result, inputs())?;
+    }
     if let Some(path) = &args.write_scene {
         return write_scene(path, scene, args.force);
     }
@@ -49,6 +56,7 @@ pub fn run(args: &BakeArgs) -> Outcome {
     let mut targets = Vec::new();
     for name in &names {
         let path = if clips.len() > 1 { output::for_clip(out, name, &names) } else { out.clone() };
+        refuse_input(&path, inputs())?;
         targets.push(Target::new(&path, policy, args.morphs)?);
     }
     let prepared = Prepared::new(&scene, character)?;

@@ -88,6 +88,22 @@ pub fn refuse_existing(path: &Path, policy: Policy) -> Result<(), Failure> {
     Ok(())
 }
 
+/// Refuses a result in the place of something it is made from: not even `--force` replaces that.
+///
+/// # Errors
+/// [`Failure::Usage`] names the file.
+pub fn refuse_input<'a>(path: &Path, inputs: impl IntoIterator<Item = &'a Path>) -> Result<(), Failure> {
+    let Ok(there) = path.canonicalize() else { return Ok(()) };
+    match inputs.into_iter().find(|input| input.canonicalize().is_ok_and(|i| i == there)) {
+        Some(input) => Err(Failure::Usage(format!(
+            "{} would replace {}, which it is made from; choose another output",
+            path.display(),
+            input.display()
+        ))),
+        None => Ok(()),
+    }
+}
+
 /// The folder a file is in.
 fn folder_of(path: &Path) -> &Path {
     match path.parent() {

@@ -7,7 +7,7 @@ pub use frames::{Frames, Shape, journal_scene};
 pub use picture::{Overlays, Painter};
 
 use crate::args::RenderArgs;
-use crate::commands::bake::{Policy, check_folder_of, make_folder_of, refuse_existing};
+use crate::commands::bake::{Policy, check_folder_of, make_folder_of, refuse_existing, refuse_input};
 use crate::failure::{Failure, Outcome};
 use crate::ui::{self, Progress};
 use softrig_render::{GifWriter, Image, PngSeries, RenderError};
@@ -34,6 +34,7 @@ pub fn run(args: &RenderArgs) -> Outcome {
         )));
     }
     refuse_existing(&args.output, if args.force { Policy::Replace } else { Policy::Refuse })?;
+    refuse_input(&args.output, [args.file.as_path()].into_iter().chain(args.with.as_deref()))?;
     check_folder_of(&args.output)?;
     let mut frames = Frames::open(args, still)?;
     frames.character.notes.iter().for_each(ui::warn);
