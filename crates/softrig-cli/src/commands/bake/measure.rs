@@ -26,6 +26,8 @@ pub struct Measures {
     volume: (f64, f64),
     cell_volume: (f64, f64),
     inverted_cells_max: usize,
+    /// Name of the bone with most of the inverted cells in the frame that had most of them.
+    crushed_bone: Option<String>,
 }
 
 impl Default for Measures {
@@ -45,6 +47,7 @@ impl Default for Measures {
             volume: (f64::INFINITY, f64::NEG_INFINITY),
             cell_volume: (f64::INFINITY, f64::NEG_INFINITY),
             inverted_cells_max: 0,
+            crushed_bone: None,
         }
     }
 }
@@ -65,12 +68,29 @@ impl Measures {
     }
 
     /// Measures the flesh in one frame.
-    pub fn add_shape(&mut self, rest: &VolumeMesh, nodes: &[[f64; 3]], attachment_gap: f64) {
+    pub fn add_shape(
+        &mut self,
+        skeleton: &Skeleton,
+        binding: &Binding,
+        rest: &VolumeMesh,
+        nodes: &[[f64; 3]],
+        attachment_gap: f64,
+    ) {
         let stats = deformation_stats(rest, nodes);
         self.volume = (self.volume.0.min(stats.volume_ratio), self.volume.1.max(stats.volume_ratio));
         let cells = &mut self.cell_volume;
         *cells = (cells.0.min(stats.p1), cells.1.max(stats.p99));
-        self.inverted_cells_max = self.inverted_cells_max.max(stats.inverted.len());
+        if stats.inverted.len() > self.inverted_cells_max {
+            self.inverted_cells_max = stats.inverted.len();
+            let mut corners = vec![0usize; binding.bones.len()];
+            for node in stats.inverted.iter().flat_map(|c| rest.cell(*c as usize)) {
+                if let Some(count) = corners.get_mut(binding.owner[*node as usize] as usize) {
+                    *count += 1;
+                }
+            }
+            let most = corners.iter().enumerate().max_by_key(|(bone, count)| (**count, std::cmp::Reverse(*bone)));
+            self.crushed_bone = most.map(|(bone, _)| skeleton.joint(binding.joint(bone as u32)).name.clone());
+        }
         self.attachment_gap_max = self.attachment_gap_max.max(attachment_gap);
     }
 
@@ -92,6 +112,23 @@ impl Measures {
                 self.clip_bone_length_change_max = self.clip_bone_length_change_max.max((clip / rest - 1.0).abs());
             }
         }
+    }
+
+    /// In words: flesh that lost its shape, and what helps. A few cells turn over in creases; that is no loss.
+    #[must_use]
+    pub fn lost_shape(&self, cells: usize) -> Option<String> {
+        let crushed = self.inverted_cells_max as f64 > 0.003 * cells as f64;
+        if !(crushed || self.volume.0 < 0.9 || self.volume.1 > 1.1) {
+            return None;
+        }
+        let remedy = "stiffer flesh (--preset muscle) or --dynamics calm may help";
+        Some(match &self.crushed_bone {
+            Some(bone) => format!(
+                "the motion crushes flesh, most of it on the bone `{bone}`: in a scene file (--write-scene), [[bone]] with joint = \
+                 \"{bone}\" and whole = true lets that bone carry its flesh whole; {remedy}"
+            ),
+            None => format!("the motion changes the volume of the body beyond a tenth; {remedy}"),
+        })
     }
 
     /// Writes the measures into a report.

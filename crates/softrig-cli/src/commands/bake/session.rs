@@ -106,7 +106,7 @@ fn bake<R: Scalar>(job: &Job<'_>, forces: Option<&mut Forces>) -> Result<BakeRep
             measures.add_advance(&report, (next > 0).then(|| start.elapsed()));
             let gap = simulation.attachment_gap();
             let frame = simulation.frame(next);
-            measures.add_shape(&prepared.volume, frame.nodes, gap);
+            measures.add_shape(skeleton, &prepared.binding, &prepared.volume, frame.nodes, gap);
             let locals = job.clip.sample(skeleton, start_time + frame.time * scene.motion.speed);
             measures.add_pose(skeleton, &prepared.binding, frame.pose, &locals, prepared.character.height());
             journal.frame(&frame).map_err(|e| journal_failure(&e))?;
@@ -165,6 +165,10 @@ fn bake<R: Scalar>(job: &Job<'_>, forces: Option<&mut Forces>) -> Result<BakeRep
     };
     measures.report(&mut report);
     say(&report);
+    if let Some(note) = measures.lost_shape(report.cells) {
+        ui::warn(&note);
+        report.notes.push(note);
+    }
     exported.notes.iter().for_each(ui::warn);
     if let Some(fit) = exported.morphs.filter(|fit| fit.error > fit.tolerance) {
         ui::warn(format_args!(
@@ -315,21 +319,20 @@ fn say(report: &BakeReport) {
         "`{}`: {} frames, {} {} cells, {} nodes, {} of them on {} bones",
         report.clip, report.frames, report.cells, report.cell_kind, report.nodes, report.bound_nodes, report.bones
     ));
+    let speed = match report.steps {
+        0 => String::new(),
+        _ => format!("{:.1} ms a frame ({:.1} steps a second), ", report.frame_ms_median, report.steps_per_second),
+    };
     ui::note(format_args!(
-        "{:.1} ms a frame ({:.1} steps a second), volume {:.3} to {:.3} of rest, at most {} inverted cells",
-        report.frame_ms_median,
-        report.steps_per_second,
-        report.volume_ratio_min,
-        report.volume_ratio_max,
-        report.inverted_cells_max
+        "{speed}volume {:.3} to {:.3} of rest, at most {} inverted cells",
+        report.volume_ratio_min, report.volume_ratio_max, report.inverted_cells_max
     ));
-    // creases turn a few cells over; more than that is flesh that has lost its shape
-    let shapeless = report.inverted_cells_max as f64 > 0.003 * report.cells as f64;
-    if shapeless || report.volume_ratio_min < 0.9 || report.volume_ratio_max > 1.1 {
-        ui::warn(
-            "the flesh lost its shape in some frame: the motion is too violent for it; try --preset muscle or --dynamics calm, or let \
-             a bone carry a whole part of it (`whole = true` in a scene file)",
-        );
+    // a limb of one cell is all bone
+    if 2 * report.bound_nodes > report.nodes {
+        ui::warn(format_args!(
+            "{} of {} nodes hang on bones, so little can swing; more cells leave more flesh free (--cells, 8000 by default)",
+            report.bound_nodes, report.nodes
+        ));
     }
     let odd = [
         (report.guarded_steps, "steps were done again with implicit Euler (the growth guard)"),
