@@ -253,13 +253,19 @@ impl<R: Scalar> ForceModel<R> for Corotated<R> {
     }
 
     fn history(&self) -> Vec<[R; 4]> {
+        let mut out = Vec::new();
+        self.write_history(&mut out);
+        out
+    }
+
+    fn write_history(&self, out: &mut Vec<[R; 4]>) {
         let lane = |blocks: &[[[R; BLOCK]; 4]], i: usize| blocks[i / BLOCK].map(|c| c[i % BLOCK]);
-        let mut out = vec![[R::zero(); 4]; self.tet_nodes.len()];
+        out.clear();
+        out.resize(self.tet_nodes.len(), [R::zero(); 4]);
         for (i, cell) in self.tet_order.iter().enumerate() {
             out[*cell as usize] = lane(&self.tet_q, i);
         }
         out.extend((0..self.hex_nodes.len()).map(|i| lane(&self.hex_q, i)));
-        out
     }
 
     fn restore(&mut self, history: &[[R; 4]]) {

@@ -66,6 +66,11 @@ pub trait ForceModel<R: Scalar>: Send {
     /// What the next [`Self::linearise`] reads besides its argument: one quaternion (x, y, z, w) per cell, or nothing.
     fn history(&self) -> Vec<[R; 4]>;
 
+    /// Writes [`Self::history`] into a list that is kept from frame to frame, without allocating once it is long enough.
+    fn write_history(&self, out: &mut Vec<[R; 4]>) {
+        *out = self.history();
+    }
+
     /// Puts back what [`Self::history`] gave. A history of another length is ignored: the next linearisation starts cold.
     fn restore(&mut self, history: &[[R; 4]]);
 }

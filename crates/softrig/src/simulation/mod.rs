@@ -68,6 +68,9 @@ pub struct Simulation<R> {
 }
 
 struct Scratch<R> {
+    /// State and history of the force model at the start of the frame, to go back to when a later step fails.
+    before: State<R>,
+    history: Vec<[R; 4]>,
     target_position: Vec<[R; 3]>,
     target_velocity: Vec<[R; 3]>,
     external_force: Vec<[R; 3]>,
@@ -128,6 +131,8 @@ impl<R: Scalar> Simulation<R> {
             output: StepOutput { reaction: zero.clone(), ..StepOutput::default() },
             joint_force: vec![[0.0; 3]; character.skeleton.joint_count()],
             scratch: Scratch {
+                before: State::at_rest(Vec::new()),
+                history: Vec::new(),
                 target_position: rest.clone(),
                 target_velocity: zero.clone(),
                 external_force: zero,
@@ -209,7 +214,7 @@ impl<R: Scalar> Simulation<R> {
     /// # Errors
     /// [`StepError`]; the state is then that of the last frame.
     pub fn advance(&mut self, motion: &dyn Motion, time: f64) -> Result<FrameReport, StepError> {
-        let (t0, before, history) = (self.state.time, self.state.clone(), self.body.model.history());
+        let t0 = self.state.time;
         let dt = time - t0;
         if !(dt > 0.0 && dt.is_finite()) {
             return Err(StepError::Unsupported(format!("a step from {t0} s to {time} s: time must advance")));
@@ -234,14 +239,14 @@ impl<R: Scalar> Simulation<R> {
             }
         }
         report.substeps = self.substeps(&from, &to, moved, dt);
+        self.remember();
         let mut drive = from;
         for s in 1..=report.substeps {
             let t = if s == report.substeps { time } else { t0 + dt * s as f64 / report.substeps as f64 };
             drive = self.drive(&motion.pose(t));
             let step = t - self.state.time;
             if let Err(e) = self.step(&drive, step, None, &mut report) {
-                self.state = before;
-                self.body.model.restore(&history);
+                self.go_back();
                 return Err(e);
             }
             self.state.time = t;
@@ -250,6 +255,22 @@ impl<R: Scalar> Simulation<R> {
         self.last_move = Some(moved);
         self.collect_joint_force(&drive);
         Ok(report)
+    }
+
+    /// Keeps the state for [`Self::go_back`], in memory that is there from the frame before.
+    fn remember(&mut self) {
+        let (state, before) = (&self.state, &mut self.scratch.before);
+        before.time = state.time;
+        before.position.clone_from(&state.position);
+        before.velocity.clone_from(&state.velocity);
+        before.acceleration.clone_from(&state.acceleration);
+        self.body.model.write_history(&mut self.scratch.history);
+    }
+
+    /// Puts the state of the last [`Self::remember`] back.
+    fn go_back(&mut self) {
+        std::mem::swap(&mut self.state, &mut self.scratch.before);
+        self.body.model.restore(&self.scratch.history);
     }
 
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to a small range before")]

@@ -1,0 +1,143 @@
+//! Counts what advancing a simulation takes from the heap: nothing that grows with the body, once the first frames are done.
+//!
+//! A binary of its own, because a counting allocator serves a whole process.
+#![allow(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
+
+use softrig::couple::{BindSettings, Binding};
+use softrig::material::{Material, MaterialMap};
+use softrig::mesh::{LatticeOptions, Resolution, VolumeMesh, tetrahedralize, voxelize};
+use softrig::simulation::{ClipMotion, Simulation, SimulationSettings, SolverKind};
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
+
+/// The system's allocator, counting what it is asked for.
+struct Counting;
+
+static COUNT: AtomicUsize = AtomicUsize::new(0);
+static BYTES: AtomicUsize = AtomicUsize::new(0);
+static LARGEST: AtomicUsize = AtomicUsize::new(0);
+
+fn note(size: usize) {
+    COUNT.fetch_add(1, Relaxed);
+    BYTES.fetch_add(size, Relaxed);
+    LARGEST.fetch_max(size, Relaxed);
+}
+
+// SAFETY: every call goes on to the system's allocator as it came; counting touches no memory but three atomics. There is no
+// way to count allocations without this trait, whose methods are unsafe; it exists in this test only.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        note(layout.size());
+        // SAFETY: the caller keeps the promises of this trait, which are those of the system's allocator
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
+        note(layout.size());
+        // SAFETY: as above
+        unsafe { System.alloc_zeroed(layout) }
+    }
+
+    unsafe fn realloc(&self, memory: *mut u8, layout: Layout, size: usize) -> *mut u8 {
+        note(size);
+        // SAFETY: as above
+        unsafe { System.realloc(memory, layout, size) }
+    }
+
+    unsafe fn dealloc(&self, memory: *mut u8, layout: Layout) {
+        // SAFETY: as above
+        unsafe { System.dealloc(memory, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+/// Allocations while something ran.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Taken {
+    count: usize,
+    bytes: usize,
+    largest: usize,
+}
+
+fn taken(work: impl FnOnce()) -> Taken {
+    [&COUNT, &BYTES, &LARGEST].into_iter().for_each(|c| c.store(0, Relaxed));
+    work();
+    Taken { count: COUNT.load(Relaxed), bytes: BYTES.load(Relaxed), largest: LARGEST.load(Relaxed) }
+}
+
+struct Run {
+    nodes: usize,
+    steps: usize,
+    advance: Taken,
+    frame: Taken,
+}
+
+/// Frames 5 to 10 of the walk, after the first ones have filled every buffer.
+fn run(mesh: impl Fn(VolumeMesh) -> VolumeMesh, cells: usize, solver: SolverKind) -> Run {
+    let character = softrig::sample::character();
+    let options = LatticeOptions { resolution: Resolution::Cells(cells), ..LatticeOptions::default() };
+    let mesh = mesh(voxelize(&character.surface(true), &options).unwrap());
+    let binding = Binding::new(&character, &mesh, &BindSettings::default()).unwrap();
+    let materials = MaterialMap::uniform(Material::default());
+    let settings = SimulationSettings { solver, ..SimulationSettings::default() };
+    let nodes = mesh.node_count();
+    let mut simulation = Simulation::<f64>::new(&character, mesh, binding, &materials, settings).unwrap();
+    let motion = ClipMotion::new(&character.skeleton, &character.clips[0]);
+    simulation.start(&motion).unwrap();
+    let at = |f: usize| f as f64 / 30.0;
+    for f in 1..5 {
+        simulation.advance(&motion, at(f)).unwrap();
+        simulation.frame(f);
+    }
+    let mut out = Run { nodes, steps: 0, advance: Taken::default(), frame: Taken::default() };
+    let add = |sum: &mut Taken, more: Taken| {
+        *sum = Taken {
+            count: sum.count + more.count,
+            bytes: sum.bytes + more.bytes,
+            largest: sum.largest.max(more.largest),
+        };
+    };
+    for f in 5..10 {
+        let mut report = None;
+        add(&mut out.advance, taken(|| report = Some(simulation.advance(&motion, at(f)).unwrap())));
+        out.steps += report.unwrap().substeps;
+        add(
+            &mut out.frame,
+            taken(|| {
+                simulation.frame(f);
+            }),
+        );
+    }
+    out
+}
+
+/// What is taken for poses is the same for any body; what grows with nodes or cells is kept from the first frames on. On one
+/// thread, because a pool of several allocates for its own queues when it likes.
+#[test]
+fn no_step_after_the_first_frames_allocates_for_nodes() {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).stack_size(8 << 20).build().unwrap();
+    pool.install(|| {
+        let kinds: [(&str, fn(VolumeMesh) -> VolumeMesh, SolverKind); 3] = [
+            ("hex, multigrid", |m| m, SolverKind::Multigrid),
+            ("hex, pcg", |m| m, SolverKind::Pcg),
+            ("tet, pcg", |m| tetrahedralize(&m), SolverKind::Pcg),
+        ];
+        for (name, mesh, solver) in kinds {
+            let (small, large) = (run(mesh, 1000, solver), run(mesh, 2000, solver));
+            for r in [&small, &large] {
+                println!(
+                    "{name}, {} nodes, 5 frames of {} steps: advance {:?}, frame {:?}",
+                    r.nodes, r.steps, r.advance, r.frame
+                );
+                // the world frames of all joints are the largest thing that a pose is made of
+                let joints = softrig::sample::character().skeleton.joint_count();
+                assert!(r.advance.largest <= 300 * joints, "{name}: {:?} with {} nodes", r.advance, r.nodes);
+                assert!(r.frame.largest <= 300 * joints, "{name}: {:?} with {} nodes", r.frame, r.nodes);
+            }
+            assert!(large.nodes > small.nodes + 500 && large.steps == small.steps, "{name}");
+            assert_eq!((small.advance, small.frame), (large.advance, large.frame), "{name}");
+        }
+    });
+}
