@@ -94,6 +94,7 @@ pub fn from_bytes(
     format: VolumeFormat,
     loader: &mut Loader<'_>,
 ) -> Result<VolumeMesh, ImportError> {
+    let loader: &mut Loader<'_> = &mut |name| loader(name).map_err(|e| not_beside(file, name, e));
     match format {
         VolumeFormat::TetgenNodes => {
             let cells = loader(&other_half(file, "ele"))?;
@@ -114,6 +115,19 @@ pub fn from_bytes(
 /// Name of the file of the same stem with another ending.
 fn other_half(file: &Path, ending: &str) -> String {
     file.with_extension(ending).file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned())
+}
+
+/// A file that is not there is a fault of the one that names it.
+fn not_beside(file: &Path, name: &str, error: ImportError) -> ImportError {
+    match error {
+        ImportError::Io { source, .. } if !error.is_machine_fault() => ImportError::malformed(
+            file,
+            Place::Whole,
+            format!("it needs the file `{}`, which cannot be read: {source}", shown(name.as_bytes())),
+            "put both files into one folder",
+        ),
+        other => other,
+    }
 }
 
 /// A file below the folder of another one.
