@@ -25,7 +25,8 @@ pub struct VtuData<'a> {
     pub cell_data: &'a [DataArray<'a>],
 }
 
-/// Writes a VTK XML unstructured grid: 64-bit numbers, little-endian, appended raw. Regions become a cell array `region`.
+/// Writes a VTK XML unstructured grid: 64-bit numbers, little-endian, appended raw. Regions become a cell array `region`, the part of each
+/// cell inside the skin one named `fill`.
 ///
 /// # Errors
 /// What `out` reports; [`ErrorKind::InvalidInput`], before the first byte, when an array has another length than the mesh.
@@ -50,6 +51,9 @@ pub fn write_vtu(out: &mut dyn Write, mesh: &VolumeMesh, data: &VtuData<'_>) -> 
     xml += "</PointData>\n<CellData>\n";
     if mesh.region.len() == cells {
         xml += &appended.ints("region", mesh.region.iter().map(|r| i64::from(*r)));
+    }
+    if mesh.fill.len() == cells {
+        xml += &appended.floats("fill", 1, mesh.fill.iter().map(|f| f64::from(*f)));
     }
     for array in data.cell_data {
         xml += &appended.floats(array.name, array.components, array.values.iter().copied());
