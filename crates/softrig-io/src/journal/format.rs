@@ -236,6 +236,11 @@ pub(super) fn decode_header(bytes: &[u8]) -> Result<JournalHeader, &'static str>
         if !(lengths.into_iter().all(fits) && regions && of_cell) || materials.materials.is_empty() {
             return Err("its regions or materials do not fit its volume mesh");
         }
+        // what a body would refuse was never simulated
+        let usable = (0..mesh.cell_count()).all(|cell| materials.get(cell).check().is_ok());
+        if !(usable && mesh.fill.iter().all(|f| f.is_finite())) {
+            return Err("its materials or fills are out of range");
+        }
     }
     Ok(header)
 }
