@@ -1,6 +1,6 @@
 //! Input that is ugly, broken or cut short: every file works or is refused with one clear message.
 
-use crate::shared::{data, files};
+use crate::shared::data;
 use softrig_io::volume::{self, VolumeFormat};
 use softrig_io::{ImportError, ImportOptions, import};
 use std::path::Path;
@@ -61,13 +61,12 @@ fn check(path: &Path, expected: &Outcome, result: Result<(), ImportError>) {
 #[test]
 fn every_bad_surface_works_or_is_refused_as_the_table_says() {
     let Some(folder) = data() else { return };
-    let folder = folder.join("bad");
     for (name, expected) in &SURFACES {
-        let path = folder.join(name);
+        let path = folder.file(format!("bad/{name}"));
         check(&path, expected, import(&path, &ImportOptions::default()).map(|_| ()));
     }
     // no file of the folder is forgotten
-    let found = files(&folder, &["obj", "ply", "stl"]);
+    let found = folder.files("bad", &["obj", "ply", "stl"]);
     assert_eq!(found.len(), SURFACES.len(), "{found:?}");
 }
 
@@ -80,19 +79,18 @@ const VOLUMES: [(&str, Outcome); 2] = [
 #[test]
 fn every_bad_volume_works_or_is_refused_as_the_table_says() {
     let Some(folder) = data() else { return };
-    let folder = folder.join("bad");
     for (name, expected) in &VOLUMES {
-        let path = folder.join(name);
+        let path = folder.file(format!("bad/{name}"));
         check(&path, expected, volume::read(&path).map(|_| ()));
     }
-    let found = files(&folder, &["node", "ele", "msh", "mesh", "veg", "vtk", "vtu"]);
+    let found = folder.files("bad", &["node", "ele", "msh", "mesh", "veg", "vtk", "vtu"]);
     assert_eq!(found.len(), VOLUMES.len(), "{found:?}");
 }
 
 #[test]
 fn volumes_cut_anywhere_end_in_a_value_or_an_error() {
     let Some(folder) = data() else { return };
-    for path in files(&folder.join("volumes"), &["node", "ele", "msh", "mesh", "veg", "vtk", "vtu"]) {
+    for path in folder.files("volumes", &["node", "ele", "msh", "mesh", "veg", "vtk", "vtu"]) {
         // what it includes or belongs to stays whole
         let mut beside = |name: &str| {
             let file = path.with_file_name(name);
@@ -100,9 +98,12 @@ fn volumes_cut_anywhere_end_in_a_value_or_an_error() {
         };
         let format = VolumeFormat::of(&path).unwrap();
         let mut refused = 0;
-        cut(&path, |bytes| match volume::from_bytes(bytes, &path, format, &mut beside) {
-            Ok(mesh) => assert!(mesh.cells().flatten().all(|n| (*n as usize) < mesh.node_count())),
-            Err(_) => refused += 1,
+        cut(&path, |bytes| {
+            let result = volume::from_bytes(bytes, &path, format, &mut beside).map(|mesh| {
+                assert!(mesh.cells().flatten().all(|n| (*n as usize) < mesh.node_count()));
+            });
+            refused += usize::from(result.is_err());
+            result
         });
         assert!(refused > 0, "{}: nothing was cut", path.display());
     }
@@ -111,19 +112,18 @@ fn volumes_cut_anywhere_end_in_a_value_or_an_error() {
 #[test]
 fn every_bad_gltf_works_or_is_refused_as_the_table_says() {
     let Some(folder) = data() else { return };
-    let folder = folder.join("bad/gltf");
     for (name, expected) in &GLTF {
-        let path = folder.join(name);
+        let path = folder.file(format!("bad/gltf/{name}"));
         check(&path, expected, import(&path, &ImportOptions::default()).map(|_| ()));
     }
-    let found = files(&folder, &["glb", "gltf"]);
+    let found = folder.files("bad/gltf", &["glb", "gltf"]);
     assert_eq!(found.len(), GLTF.len(), "{found:?}");
 }
 
 #[test]
 fn what_was_left_out_is_said() {
     let Some(folder) = data() else { return };
-    let character = import(&folder.join("bad/notenoughindices.obj"), &ImportOptions::default()).unwrap();
+    let character = import(&folder.file("bad/notenoughindices.obj"), &ImportOptions::default()).unwrap();
     assert_eq!(character.meshes[0].triangles, [[0, 1, 2]]);
     assert!(
         character.notes.iter().any(|n| n.contains("1 faces with fewer than three corners")),
@@ -132,13 +132,19 @@ fn what_was_left_out_is_said() {
     );
 }
 
-/// Runs `read` on 200 evenly spaced prefixes of a file: each ends in a value or an error, none takes more than 2 s.
-pub fn cut(path: &Path, mut read: impl FnMut(&[u8])) {
+/// Runs `read` on 200 evenly spaced prefixes of a file: each ends in a value or in one line that names the file, and none takes
+/// more than 2 s.
+pub fn cut(path: &Path, mut read: impl FnMut(&[u8]) -> Result<(), ImportError>) {
     let bytes = std::fs::read(path).unwrap();
+    let name = path.file_name().unwrap().to_string_lossy();
     for k in 0..200 {
         let start = Instant::now();
-        read(&bytes[..bytes.len() * k / 200]);
+        let result = read(&bytes[..bytes.len() * k / 200]);
         assert!(start.elapsed() < Duration::from_secs(2), "{} cut at {k}/200 is slow", path.display());
+        if let Err(e) = result {
+            let message = e.to_string();
+            assert!(message.contains(&*name) && !message.contains('\n'), "{name} cut at {k}/200: {message}");
+        }
     }
 }
 
@@ -146,8 +152,9 @@ pub fn cut(path: &Path, mut read: impl FnMut(&[u8])) {
 fn surfaces_cut_anywhere_end_in_a_value_or_an_error() {
     use softrig_io::surface::{SurfaceFormat, from_bytes};
     let Some(folder) = data() else { return };
-    let mut paths = files(&folder.join("surfaces"), &["obj"]);
-    paths.extend(files(&folder.join("bad"), &["obj", "ply", "stl"]));
+    let mut paths = folder.files("surfaces", &["obj"]);
+    paths.extend(folder.files("bad", &["obj", "ply", "stl"]));
+    paths.extend(["characters/makehuman/base.obj", "volumes/turtle/turtle.obj"].map(|f| folder.file(f)));
     for path in paths {
         let format = match path.extension().unwrap().to_str().unwrap() {
             "obj" => SurfaceFormat::Obj,
@@ -155,11 +162,11 @@ fn surfaces_cut_anywhere_end_in_a_value_or_an_error() {
             _ => SurfaceFormat::Stl,
         };
         cut(&path, |bytes| {
-            if let Ok(character) = from_bytes(bytes, &path, format, &ImportOptions::default()) {
+            from_bytes(bytes, &path, format, &ImportOptions::default()).map(|character| {
                 let mesh = &character.meshes[0];
                 assert!(mesh.triangles.iter().flatten().all(|v| (*v as usize) < mesh.positions.len()));
                 assert!(mesh.positions.iter().flatten().all(|v| v.is_finite()));
-            }
+            })
         });
     }
 }

@@ -117,7 +117,7 @@ fn changed_files_end_in_a_sound_character_or_an_error() {
     let wanted = std::env::var("SOFTRIG_MUTATIONS").ok().and_then(|n| n.parse().ok()).unwrap_or(3000);
     let good =
         ["characters/SimpleSkin.gltf", "characters/quad_skin_10_influences.glb", "bad/gltf/unassigned-skeleton.gltf"];
-    let good = good.map(|name| open(&data.join(name)));
+    let good = good.map(|name| open(&data.file(name)));
     let (mut random, mut sound) = (Random(0x9e37_79b9_7f4a_7c15), 0);
     for i in 0..wanted {
         let mut file = good[i % good.len()].clone();

@@ -21,7 +21,7 @@ const COUNTS: [(&str, usize, usize); 12] = [
 ];
 
 fn read(path: &str) -> Option<Character> {
-    let path = data()?.join(path);
+    let path = data()?.file(path);
     Some(import(&path, &ImportOptions::default()).unwrap_or_else(|e| panic!("{e}")))
 }
 
@@ -47,8 +47,8 @@ fn vertices_keep_the_order_of_the_file() {
     for path in ["characters/makehuman/base.obj", "bad/rabbit.obj", "bad/chair_model.obj", "surfaces/spot.obj"] {
         let Some(folder) = data() else { return };
         let options = ImportOptions { unit: Some(1.0), up: Some(UpAxis::Y), ..ImportOptions::default() };
-        let character = import(&folder.join(path), &options).unwrap();
-        let text = String::from_utf8_lossy(&std::fs::read(folder.join(path)).unwrap()).into_owned();
+        let character = import(&folder.file(path), &options).unwrap();
+        let text = String::from_utf8_lossy(&std::fs::read(folder.file(path)).unwrap()).into_owned();
         let expected: Vec<Vec<f64>> = text
             .lines()
             .filter_map(|l| l.strip_prefix("v "))
@@ -80,6 +80,6 @@ fn scanned_colors_of_a_ply_are_read() {
 fn the_height_the_user_says_is_the_height_that_comes_out() {
     let Some(folder) = data() else { return };
     let options = ImportOptions { height: Some(1.25), ..ImportOptions::default() };
-    let character = import(&folder.join("surfaces/spot.obj"), &options).unwrap();
+    let character = import(&folder.file("surfaces/spot.obj"), &options).unwrap();
     assert!((character.height() - 1.25).abs() < 1e-12);
 }

@@ -1,6 +1,6 @@
 //! Volume meshes of all formats, and that what is written reads back the same.
 
-use crate::shared::{data, files};
+use crate::shared::data;
 use softrig::mesh::VolumeMesh;
 use softrig_io::volume::{self, DataArray, VolumeFormat, VtuData, write_msh41, write_vtu};
 use std::path::Path;
@@ -30,7 +30,7 @@ const COUNTS: [(&str, usize, usize, usize, &[&str]); 20] = [
 ];
 
 fn read(name: &str) -> Option<VolumeMesh> {
-    let path = data()?.join("volumes").join(name);
+    let path = data()?.file(format!("volumes/{name}"));
     Some(volume::read(&path).unwrap_or_else(|e| panic!("{e}")))
 }
 
@@ -50,7 +50,7 @@ fn every_volume_has_the_counts_of_the_table() {
         assert_eq!(mesh.region_names, regions, "{name}");
         assert_eq!(mesh.region.len(), if regions.is_empty() { 0 } else { tets + hexes }, "{name}");
     }
-    let mut found = files(&folder.join("volumes"), &["node", "msh", "mesh", "veg", "vtk", "vtu"]);
+    let mut found = folder.files("volumes", &["node", "msh", "mesh", "veg", "vtk", "vtu"]);
     found.retain(|f| VolumeFormat::of(f).is_some());
     assert_eq!(found.len(), COUNTS.len(), "{found:?}");
 }
@@ -85,7 +85,7 @@ fn inverted_cells_are_turned_over_and_counted() {
     for (name, flipped, mixed) in
         [("volumes/beam_hex_and_tet.mesh", 12, true), ("bad/6_tetra_bad.msh", 1, true), ("volumes/tire.vtk", 0, false)]
     {
-        let (mesh, report) = volume::read_checked(&folder.join(name)).unwrap();
+        let (mesh, report) = volume::read_checked(&folder.file(name)).unwrap();
         assert_eq!((report.flipped, report.mixed_orientation), (flipped, mixed), "{name}");
         assert!(mesh.tets.iter().all(|t| volume_of(&mesh, *t) > 0.0), "{name}");
     }
@@ -105,9 +105,9 @@ fn one_mesh_in_two_formats_is_the_same() {
 #[test]
 fn materials_of_the_turtle_follow_its_included_lists() {
     let Some(mesh) = read("turtle/turtle-volumetric-heterogeneous.veg") else { return };
-    let folder = data().unwrap().join("volumes/turtle");
+    let folder = data().unwrap();
     let hard = mesh.region_names.iter().position(|n| n == "hardMaterial").unwrap() as u32;
-    let list = std::fs::read_to_string(folder.join("shellElementList.txt")).unwrap();
+    let list = std::fs::read_to_string(folder.file("volumes/turtle/shellElementList.txt")).unwrap();
     let shell: Vec<usize> = list.split([',', '\n', '\r']).filter_map(|w| w.trim().parse().ok()).collect();
     assert!(shell.len() > 50);
     for (cell, region) in mesh.region.iter().enumerate() {
@@ -125,6 +125,7 @@ fn cube_and_tet() -> VolumeMesh {
         hexes: vec![[0, 1, 2, 3, 4, 5, 6, 7]],
         region: vec![1, 0],
         region_names: vec!["soft".into(), "hard \"one\"".into()],
+        fill: vec![0.25, 1.0],
         ..VolumeMesh::default()
     }
 }
@@ -154,6 +155,7 @@ fn what_is_written_reads_back_exactly() {
     write_vtu(&mut vtu, &mesh, &data).unwrap();
     let back = volume::from_bytes(&vtu, Path::new("a.vtu"), VolumeFormat::Vtu, &mut none).unwrap();
     assert_eq!((&back.nodes, &back.tets, &back.hexes), (&moved, &mesh.tets, &mesh.hexes));
+    assert!(String::from_utf8_lossy(&vtu).contains("Name=\"fill\""));
 
     let short =
         VtuData { point_data: &[DataArray { name: "u", components: 3, values: &stress }], ..VtuData::default() };
@@ -198,6 +200,24 @@ fn rare_encodings_read_as_the_common_ones() {
             format!("$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Elements\n1\n1 {kind} 2 0 0 1 2 3 4 5 6\n$EndElements\n");
         let e = volume::from_bytes(text.as_bytes(), Path::new("a.msh"), VolumeFormat::Gmsh, &mut none).unwrap_err();
         assert!(e.to_string().contains("export first-order cells"), "{e}");
+    }
+}
+
+/// The user gave one file: the message names that one, the one that is not there, and what to do.
+#[test]
+fn a_file_that_is_missing_beside_another_is_named_with_the_one_that_needs_it() {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, text, missing) in [
+        ("a.ele", "1 4 0\n1 1 2 3 4\n", "a.node"),
+        ("a.veg", "*VERTICES\n*INCLUDE nodes.txt\n", "nodes.txt"),
+        ("a.veg", "*VERTICES\n*INCLUDE .\n", "."),
+    ] {
+        let path = folder.path().join(name);
+        std::fs::write(&path, text).unwrap();
+        let e = volume::read(&path).unwrap_err();
+        let message = e.to_string();
+        assert!(message.contains(name) && message.contains(&format!("`{missing}`")), "{message}");
+        assert!(message.contains("one folder") && !e.is_machine_fault(), "{message}");
     }
 }
 
