@@ -6,7 +6,7 @@ mod read;
 mod rigid;
 mod template;
 
-pub use read::{SceneError, is_bvh, read};
+pub use read::{SceneError, is_bvh, parse, read};
 pub use template::template;
 
 use crate::args::{DynamicsName, FrameRange, KindName, Precision, SolverName, UpAxis};
