@@ -4,12 +4,20 @@
 
 CHARACTER  a .glb or .gltf file
 CACHE      the .pc2 or .mdd of its only mesh, or the folder with one for each mesh
---start    clock of the clip at frame 0 of the cache [s] (`softrig bake --report` says it)
+--start    clock of the clip at frame 0 of the cache [s], `start_time_s` of `softrig bake --report`
 --blended  the cache holds plain linear blend skinning (the example `blend_to_cache` of softrig-io makes one): the mesh with
            the cache and without the armature must equal the mesh with the armature and without the cache
 --world    folder of OBJ files of the same bake: the mesh with the cache must stand where they say
 
 Needs `pip install bpy` (5.0.1 for Python 3.11). Ends with 0 when the largest distance is at most 1e-5 of the height.
+
+Last run with --world, 2026-11-22, bpy 5.0.1, --cells 3000, 24 frames per second, .pc2 and .mdd alike:
+    CesiumMan.glb: 1 meshes, 3273 vertices, 48 frames, moved 0.613 of the height, largest distance 2.17e-07 of it
+    Cow.glb: 1 meshes, 4970 vertices, 29 frames, moved 0.385 of the height, largest distance 2.52e-07 of it
+    Knight.glb: 15 meshes, 7024 vertices, 26 frames, moved 0.637 of the height, largest distance 4.25e-06 of it
+    Fox.glb: 1 meshes, 1728 vertices, 18 frames, moved 0.739 of the height, largest distance 5.48e-08 of it
+RobotExpressive.glb cannot be compared: its armature has a scale of 100, and Blender 5.0.1 itself puts meshes that hang on a bone
+of such an armature off by the bone's length, with or without a cache.
 """
 
 import argparse
