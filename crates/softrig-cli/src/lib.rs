@@ -59,7 +59,13 @@ fn execute(cli: &Cli) -> Outcome {
         Command::Bench(a) => {
             let shared = a.shared.clone().or_else(|| std::env::var_os("SOFTRIG_SHARED").map(Into::into));
             let shared = shared.unwrap_or_else(|| "../shared".into());
-            commands::bench::run(&a.names, rayon::current_num_threads(), a.json, &shared)
+            commands::bench::run(
+                &a.names,
+                a.solver.unwrap_or_default().into(),
+                rayon::current_num_threads(),
+                a.json,
+                &shared,
+            )
         }
         Command::Completions(a) => commands::completions::run(a),
     }

@@ -195,6 +195,9 @@ pub struct ConvertArgs {
 pub struct BenchArgs {
     /// Bodies to measure: bar, cow [default: all]
     pub names: Vec<String>,
+    /// Linear solver [default: multigrid]
+    #[arg(long, value_name = "NAME")]
+    pub solver: Option<SolverName>,
     /// Print one JSON object for each body
     #[arg(long)]
     pub json: bool,

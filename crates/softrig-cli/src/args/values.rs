@@ -4,6 +4,7 @@ use clap::ValueEnum;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use softrig::material::MaterialPreset;
+use softrig::simulation::SolverKind;
 use softrig_render::View;
 use std::fmt;
 use std::str::FromStr;
@@ -46,13 +47,23 @@ pub enum DynamicsName {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum SolverName {
-    /// Conjugate gradients preconditioned by a multigrid cycle; on tetrahedra the same as `pcg`.
+    /// Conjugate gradients preconditioned by a multigrid cycle.
     #[default]
     Multigrid,
     /// Conjugate gradients with inverted 3x3 diagonal blocks: least memory.
     Pcg,
     /// Sparse Cholesky factorisation: for small or very stiff bodies.
     Direct,
+}
+
+impl From<SolverName> for SolverKind {
+    fn from(name: SolverName) -> Self {
+        match name {
+            SolverName::Multigrid => Self::Multigrid,
+            SolverName::Pcg => Self::Pcg,
+            SolverName::Direct => Self::Direct,
+        }
+    }
 }
 
 /// Numbers the simulation computes with.

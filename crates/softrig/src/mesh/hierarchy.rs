@@ -4,6 +4,7 @@
 //! share corners only across faces that fine cells share, so what is separate on the body stays separate on every level
 //! [Georgii2010 §3.2, nested grids].
 
+use super::sets::Sets;
 use super::volume::VolumeMesh;
 use std::collections::BTreeMap;
 
@@ -20,13 +21,28 @@ pub struct Prolongation {
     pub weight: Vec<f64>,
 }
 
-/// Offsets of the corners of a voxel, in the node order of [`super::CellKind::Hex8`].
-const CORNERS: [[i32; 3]; 8] = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]];
+impl Prolongation {
+    pub(super) fn empty() -> Self {
+        Self { coarse_count: 0, start: Vec::new(), column: Vec::new(), weight: Vec::new() }
+    }
+}
 
-struct Level {
-    voxel: Vec<[i32; 3]>,
-    cells: Vec<[u32; 8]>,
-    node_count: usize,
+/// Offsets of the corners of a voxel, in the node order of [`super::CellKind::Hex8`].
+pub(super) const CORNERS: [[i32; 3]; 8] =
+    [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]];
+
+pub(super) struct Level {
+    pub voxel: Vec<[i32; 3]>,
+    pub cells: Vec<[u32; 8]>,
+    pub node_count: usize,
+}
+
+impl Level {
+    /// Cells in the given voxels; corner `i` of cell `c` is number `8 c + i` of the sets, and each set one node.
+    pub fn of_corners(voxel: Vec<[i32; 3]>, corners: Sets) -> Self {
+        let (label, node_count) = corners.labels();
+        Self { voxel, cells: label.as_chunks().0.to_vec(), node_count }
+    }
 }
 
 /// Interpolations from level to level, finest first, down to at most `coarsest` nodes or until coarsening stops helping.
@@ -37,7 +53,12 @@ pub fn lattice_hierarchy(mesh: &VolumeMesh, coarsest: usize) -> Vec<Prolongation
     else {
         return Vec::new();
     };
-    let mut level = Level { voxel: lattice.voxel.clone(), cells: mesh.hexes.clone(), node_count: mesh.node_count() };
+    let level = Level { voxel: lattice.voxel.clone(), cells: mesh.hexes.clone(), node_count: mesh.node_count() };
+    coarser(level, coarsest)
+}
+
+/// The levels below a lattice.
+pub(super) fn coarser(mut level: Level, coarsest: usize) -> Vec<Prolongation> {
     let mut prolongations = Vec::new();
     while level.node_count > coarsest {
         let (coarse, prolongation) = coarsen(&level);
@@ -59,19 +80,13 @@ fn coarsen(fine: &Level) -> (Level, Prolongation) {
     let mut group = Sets::new(fine.cells.len());
     for &(a, b, _) in &faces {
         if parent(fine.voxel[a]) == parent(fine.voxel[b]) {
-            group.join(a, b);
+            group.join(a as u32, b as u32);
         }
     }
-    let mut cell_of_root = vec![u32::MAX; fine.cells.len()];
-    let mut coarse_cell = vec![0u32; fine.cells.len()];
-    let mut voxel = Vec::new();
-    for c in 0..fine.cells.len() {
-        let root = group.root(c);
-        if cell_of_root[root] == u32::MAX {
-            cell_of_root[root] = voxel.len() as u32;
-            voxel.push(parent(fine.voxel[c]));
-        }
-        coarse_cell[c] = cell_of_root[root];
+    let (coarse_cell, count) = group.labels();
+    let mut voxel = vec![[0; 3]; count];
+    for (c, coarse) in coarse_cell.iter().enumerate() {
+        voxel[*coarse as usize] = parent(fine.voxel[c]);
     }
 
     // coarse nodes: corners joined across faces that fine cells share
@@ -82,25 +97,11 @@ fn coarsen(fine: &Level) -> (Level, Prolongation) {
             for (i, oa) in CORNERS.iter().enumerate().filter(|(_, o)| o[axis] == 1) {
                 let j =
                     CORNERS.iter().position(|ob| (0..3).all(|k| if k == axis { ob[k] == 0 } else { ob[k] == oa[k] }));
-                corner.join(8 * ca + i, 8 * cb + j.expect("the opposite corner is one of the eight"));
+                corner.join((8 * ca + i) as u32, (8 * cb + j.expect("the opposite corner is one of the eight")) as u32);
             }
         }
     }
-    let mut node_of_root = vec![u32::MAX; 8 * voxel.len()];
-    let mut node_count = 0;
-    let cells: Vec<[u32; 8]> = (0..voxel.len())
-        .map(|c| {
-            std::array::from_fn(|i| {
-                let root = corner.root(8 * c + i);
-                if node_of_root[root] == u32::MAX {
-                    node_of_root[root] = node_count;
-                    node_count += 1;
-                }
-                node_of_root[root]
-            })
-        })
-        .collect();
-    let coarse = Level { voxel, cells, node_count: node_count as usize };
+    let coarse = Level::of_corners(voxel, corner);
     let prolongation = interpolate(fine, &coarse, &coarse_cell);
     (coarse, prolongation)
 }
@@ -168,28 +169,6 @@ fn interpolate(fine: &Level, coarse: &Level, coarse_cell: &[u32]) -> Prolongatio
         p.start.push(p.column.len() as u32);
     }
     p
-}
-
-/// Disjoint sets; the root is always the lowest member, so the outcome does not depend on the order of joins.
-struct Sets(Vec<u32>);
-
-impl Sets {
-    fn new(n: usize) -> Self {
-        Self((0..n as u32).collect())
-    }
-
-    fn root(&mut self, mut i: usize) -> usize {
-        while self.0[i] as usize != i {
-            self.0[i] = self.0[self.0[i] as usize];
-            i = self.0[i] as usize;
-        }
-        i
-    }
-
-    fn join(&mut self, a: usize, b: usize) {
-        let (a, b) = (self.root(a), self.root(b));
-        self.0[a.max(b)] = a.min(b) as u32;
-    }
 }
 
 #[cfg(test)]

@@ -1,5 +1,6 @@
 //! Surfaces, volume meshes around them, and what ties the two together.
 
+mod auxiliary;
 mod bar;
 mod boundary;
 mod bvh;
@@ -21,6 +22,7 @@ mod voxel;
 mod weld;
 mod winding;
 
+pub use auxiliary::auxiliary_hierarchy;
 pub use bar::bar;
 pub use boundary::{BoundaryFaces, boundary_faces};
 pub use check::{MeshReport, check};

@@ -1,15 +1,15 @@
 //! How a simulation is computed, and what a frame reports.
 
 use crate::integrate::{Dynamics, StepOutput};
-use crate::mesh::{VolumeMesh, lattice_hierarchy};
+use crate::mesh::{VolumeMesh, auxiliary_hierarchy, lattice_hierarchy};
 use softrig_linalg::solver::{Direct, Interpolation, Multigrid, Pcg};
 use softrig_linalg::{LinearSolver, Scalar};
 
 /// Which linear solver.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum SolverKind {
-    /// Conjugate gradients preconditioned by a multigrid cycle: the default on voxel bodies. Bodies without a lattice
-    /// are solved as by `Pcg`.
+    /// Conjugate gradients preconditioned by a multigrid cycle, on the body's own lattice or on one laid under it: the
+    /// default. Bodies of a few nodes are solved as by `Pcg`.
     #[default]
     Multigrid,
     /// Conjugate gradients with inverted 3x3 diagonal blocks: least memory, and faster for small steps of stiff bodies.
@@ -29,7 +29,9 @@ impl SolverKind {
         }
     }
 
-    pub(super) fn build<R: Scalar>(self, mesh: &VolumeMesh) -> Box<dyn LinearSolver<R>> {
+    /// The solver for a body of that mesh.
+    #[must_use]
+    pub fn build<R: Scalar>(self, mesh: &VolumeMesh) -> Box<dyn LinearSolver<R>> {
         match self {
             Self::Multigrid => Box::new(Multigrid::new(hierarchy(mesh))),
             Self::Pcg => Box::new(Pcg::default()),
@@ -48,7 +50,11 @@ fn hierarchy(mesh: &VolumeMesh) -> Vec<Interpolation> {
         column: p.column,
         weight: p.weight,
     };
-    lattice_hierarchy(mesh, COARSEST).into_iter().map(level).collect()
+    let mut levels = lattice_hierarchy(mesh, COARSEST);
+    if levels.is_empty() {
+        levels = auxiliary_hierarchy(mesh, COARSEST);
+    }
+    levels.into_iter().map(level).collect()
 }
 
 /// Settings of a simulation.

@@ -2,8 +2,12 @@
 
 use softrig::body::Body;
 use softrig::force::ElasticModel;
+use softrig::integrate::{Dynamics, State, StepInput, StepOutput};
 use softrig::material::{Material, MaterialMap};
-use softrig::mesh::{LatticeOptions, Resolution, SurfaceMesh, VolumeMesh, lattice_hierarchy, voxelize};
+use softrig::mesh::{
+    CellKind, LatticeOptions, Resolution, SurfaceMesh, VolumeMesh, bar as cut_bar, lattice_hierarchy, voxelize,
+};
+use softrig::simulation::SolverKind;
 use softrig_linalg::solver::{Direct, Interpolation, Multigrid, Pcg};
 use softrig_linalg::{BlockCsr, BlockPattern, DofConstraints, LinearSolver};
 use std::sync::Arc;
@@ -121,4 +125,54 @@ fn multigrid_copes_with_nothing_to_do() {
     body.constraints = DofConstraints::from_mask((0..mesh.node_count()).map(one).collect());
     let (x, _) = solve(&mut multigrid(&mesh), &body, &a, &b);
     assert!(x[5].iter().any(|v| *v != 0.0));
+}
+
+/// Tetrahedra have no coarser meshes of their own: a lattice under them serves as well.
+#[test]
+fn tetrahedra_are_solved_on_a_lattice_laid_under_them() {
+    let mesh = cut_bar([32, 8, 10], [0.8, 0.2, 0.25], CellKind::Tet4);
+    for (nu, h, most) in [(0.3, 1.0 / 60.0, 12), (0.45, 1.0 / 30.0, 20)] {
+        let (body, a, load) = system(&mesh, nu, h);
+        let (exact, _) = solve(&mut Direct::default(), &body, &a, &load);
+        let (x, iterations) = solve(&mut *SolverKind::Multigrid.build(&mesh), &body, &a, &load);
+        let (_, jacobi) = solve(&mut Pcg::default(), &body, &a, &load);
+        println!("nu {nu}, h {h:.4}: {iterations} iterations, {jacobi} with block Jacobi");
+        assert!(iterations <= most && 5 * iterations < jacobi, "{iterations} {jacobi}");
+        let largest = exact.as_flattened().iter().fold(0.0f64, |m, v| m.max(v.abs()));
+        for (x, e) in x.as_flattened().iter().zip(exact.as_flattened()) {
+            assert!((x - e).abs() < 1e-6 * largest);
+        }
+    }
+}
+
+/// A voxel body steps by cubes, without a matrix; a sparse factorisation steps by the assembled one. Both go the same way.
+#[test]
+fn steps_by_cubes_are_those_of_the_assembled_matrix() {
+    let mesh = bar(1500);
+    let run = |kind: SolverKind| {
+        let (mut body, _, weight) = system(&mesh, 0.4, 1.0);
+        let mut solver = kind.build(&mesh);
+        let mut integrator = Dynamics::Lively.integrator();
+        let mut state = State::at_rest(mesh.nodes.clone());
+        let still = vec![[0.0; 3]; mesh.node_count()];
+        let mut output = StepOutput::default();
+        for _ in 0..12 {
+            let input = StepInput {
+                target_position: &mesh.nodes,
+                target_velocity: &still,
+                external_force: &weight,
+                dt: 1.0 / 60.0,
+                tolerance: 1e-10,
+            };
+            integrator.step(&mut body, &mut *solver, &input, &mut state, &mut output).unwrap();
+            assert!(output.residual <= 1e-10 && output.converged);
+        }
+        state.position
+    };
+    let (a, b) = (run(SolverKind::Multigrid), run(SolverKind::Direct));
+    let moved = a.iter().zip(&mesh.nodes).map(|(a, n)| (a[1] - n[1]).abs()).fold(0.0, f64::max);
+    assert!(moved > 0.005, "{moved}");
+    for (a, b) in a.as_flattened().iter().zip(b.as_flattened()) {
+        assert!((a - b).abs() < 1e-7 * moved, "{a} {b}");
+    }
 }

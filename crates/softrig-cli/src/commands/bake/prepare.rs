@@ -1,6 +1,6 @@
 //! From a scene to what is simulated: clips, cells, binding, materials, settings.
 
-use crate::args::{DynamicsName, KindName, SolverName};
+use crate::args::{DynamicsName, KindName};
 use crate::failure::Failure;
 use crate::load;
 use crate::scene::{DEFAULT_CELLS, Scene, is_bvh};
@@ -11,7 +11,7 @@ use softrig::integrate::Dynamics;
 use softrig::material::MaterialMap;
 use softrig::mesh::{self, LatticeOptions, Resolution, VolumeMesh};
 use softrig::rig::Clip;
-use softrig::simulation::{SimulationSettings, SolverKind};
+use softrig::simulation::SimulationSettings;
 use softrig_io::bvh;
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -106,11 +106,7 @@ fn settings(scene: &Scene) -> SimulationSettings {
             DynamicsName::Calm => Dynamics::Calm,
             DynamicsName::Paper => Dynamics::Paper,
         },
-        solver: match s.solver {
-            SolverName::Multigrid => SolverKind::Multigrid,
-            SolverName::Pcg => SolverKind::Pcg,
-            SolverName::Direct => SolverKind::Direct,
-        },
+        solver: s.solver.into(),
         tolerance: s.tolerance,
         gravity: s.gravity,
         preroll: scene.motion.preroll,

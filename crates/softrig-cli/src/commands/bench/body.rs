@@ -1,7 +1,7 @@
 //! The standard bodies: a bar made here, so that the command needs no files, and a cow of tetrahedra that is read.
 
 use crate::failure::Failure;
-use softrig::mesh::VolumeMesh;
+use softrig::mesh::{CellKind, VolumeMesh};
 use std::path::Path;
 use std::str::FromStr;
 
@@ -35,38 +35,12 @@ pub fn load(name: &str, shared: &Path) -> Result<BenchBody, Failure> {
 /// A bar 0.4 m long, clamped at x = 0, of cubes cut into six tetrahedra each along the paths from corner to corner.
 pub fn bar(cubes: [usize; 3]) -> BenchBody {
     let spacing = 0.4 / cubes[0] as f64;
-    let [nx, ny, nz] = cubes;
-    let index = |c: [usize; 3]| ((c[0] * (ny + 1) + c[1]) * (nz + 1) + c[2]) as u32;
-    let corners =
-        |n: [usize; 3]| (0..n[0]).flat_map(move |i| (0..n[1]).flat_map(move |j| (0..n[2]).map(move |k| [i, j, k])));
-    let nodes: Vec<[f64; 3]> = corners([nx + 1, ny + 1, nz + 1]).map(|c| c.map(|i| i as f64 * spacing)).collect();
-    let mut tets = Vec::with_capacity(6 * nx * ny * nz);
-    for corner in corners(cubes) {
-        // even orders of the axes make positive tetrahedra, odd ones are mirrored
-        for (axes, even) in [
-            ([0, 1, 2], true),
-            ([0, 2, 1], false),
-            ([1, 0, 2], false),
-            ([1, 2, 0], true),
-            ([2, 0, 1], true),
-            ([2, 1, 0], false),
-        ] {
-            let mut at = corner;
-            let mut tet = [index(at); 4];
-            for (k, axis) in axes.into_iter().enumerate() {
-                at[axis] += 1;
-                tet[k + 1] = index(at);
-            }
-            if !even {
-                tet.swap(2, 3);
-            }
-            tets.push(tet);
-        }
-    }
+    let mesh = softrig::mesh::bar(cubes, cubes.map(|n| n as f64 * spacing), CellKind::Tet4);
+    let nodes = &mesh.nodes;
     let fixed = nodes.iter().map(|x| x[0] == 0.0).collect();
     let end = nodes[nodes.len() - 1][0];
     let tip = (0..nodes.len()).filter(|i| nodes[*i][0] >= end - 1e-9).collect();
-    BenchBody { name: "bar", mesh: VolumeMesh { nodes, tets, ..VolumeMesh::default() }, fixed, tip }
+    BenchBody { name: "bar", fixed, tip, mesh }
 }
 
 /// The cow of 65 thousand tetrahedra, clamped at its feet.

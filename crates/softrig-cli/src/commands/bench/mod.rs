@@ -7,6 +7,7 @@ mod stages;
 use crate::failure::{Failure, Outcome};
 use crate::ui;
 use measure::{Measurement, measure};
+use softrig::simulation::SolverKind;
 use std::path::Path;
 
 /// Measures the named bodies (all without names) and prints a line or a JSON object for each.
@@ -14,11 +15,11 @@ use std::path::Path;
 /// # Errors
 /// [`Failure::Usage`] for a name that is no body, [`Failure::Input`] for missing or damaged files, [`Failure::Simulation`]
 /// when a step fails.
-pub fn run(names: &[String], threads: usize, json: bool, shared: &Path) -> Outcome {
+pub fn run(names: &[String], solver: SolverKind, threads: usize, json: bool, shared: &Path) -> Outcome {
     let all = body::NAMES.map(String::from);
     let names = if names.is_empty() { &all[..] } else { names };
     for name in names {
-        let measurement = measure(body::load(name, shared)?, threads)?;
+        let measurement = measure(body::load(name, shared)?, solver, threads)?;
         if json {
             let text = serde_json::to_string(&measurement);
             ui::result(text.map_err(|e| Failure::Machine(format!("cannot write JSON: {e}")))?);

@@ -78,20 +78,24 @@ impl<R: Scalar> ForceModel<R> for TimedModel<R> {
 }
 
 /// A linear solver under the clock.
-pub struct TimedSolver<S> {
+pub struct TimedSolver<R> {
     /// The solver that does the work.
-    pub inner: S,
+    pub inner: Box<dyn LinearSolver<R>>,
     /// Where its time is added.
     pub clocks: Arc<Clocks>,
 }
 
-impl<R, S: LinearSolver<R>> LinearSolver<R> for TimedSolver<S> {
+impl<R: Scalar> LinearSolver<R> for TimedSolver<R> {
     fn name(&self) -> &'static str {
         self.inner.name()
     }
 
     fn prepare(&mut self, pattern: &Arc<BlockPattern>, constraints: &DofConstraints) -> Result<(), SolveError> {
         self.inner.prepare(pattern, constraints)
+    }
+
+    fn forget(&mut self) {
+        self.inner.forget();
     }
 
     fn solve(

@@ -4,7 +4,9 @@ use super::galerkin::{Galerkin, interpolate_add};
 use super::interpolation::Interpolation;
 use super::level::Level;
 use crate::solver::free::FreePattern;
-use crate::{BlockCsr, CubeMatrix, Scalar};
+use crate::solver::pcg::kernel::Inverse;
+use crate::solver::quads::Quads;
+use crate::{CubeMatrix, Scalar};
 use faer::linalg::solvers::{Llt, Solve};
 use faer::{Mat, Side};
 
@@ -51,23 +53,19 @@ impl Cycle {
         Some(Self { levels, galerkin, coarsest: None, coarsest_rhs: Mat::zeros(n, 1) })
     }
 
-    /// Takes a stored matrix for the finest level.
-    pub fn load<R: Scalar>(&mut self, matrix: &BlockCsr<R>, free: &FreePattern) {
-        use rayon::prelude::*;
-        let fine = &mut self.levels[0];
-        let identity = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
-        fine.set_cubes::<R>(None);
-        fine.blocks_mut().par_iter_mut().zip(&free.source).for_each(|(to, source)| {
-            *to = matrix.values[*source as usize].map(|v| v.to_f64() as f32);
-        });
-        // a row without entries is one of the identity, as in the iteration
-        for i in 0..free.row_count() {
-            let d = free.diagonal[i] as usize;
-            if fine.blocks()[d] == [0.0; 9] {
-                fine.blocks_mut()[d] = identity;
-            }
-        }
-        fine.invert_diagonal();
+    /// Blocks and inverted diagonal blocks of the finest level, to be filled.
+    pub fn finest_mut(&mut self) -> (&mut [f32], &mut [Inverse<f32>]) {
+        self.levels[0].parts_mut()
+    }
+
+    /// Makes the finest level use the blocks.
+    pub fn forget_cubes(&mut self) {
+        self.levels[0].set_cubes::<f32>(None);
+    }
+
+    /// `q = A p` on the finest level; writes the first of each `partial`: `pᵀ q` over a chunk of rows.
+    pub fn product_dot<A: Scalar>(&mut self, p: &Quads<A>, q: &mut Quads<A>, partial: &mut [[f64; 2]]) {
+        self.levels[0].product_dot(p, q, partial);
     }
 
     /// Takes the cubes for the finest level. For [`Self::rebuild`] it must have been given the stored matrix as well, before.

@@ -1,11 +1,12 @@
 //! One level of the hierarchy: its matrix in f32, stored or as cubes, and a Chebyshev smoother.
 
-use crate::solver::cubes::FreeCubes;
+use crate::solver::cubes::{self, FreeCubes};
 use crate::solver::free::FreePattern;
 use crate::solver::pcg::kernel::{Blocks, Inverse, Product, inverse_of_block};
 use crate::solver::quads::Quads;
 use crate::{CubeMatrix, Kernel, Lane, Scalar, Wide, run_wide};
 use rayon::prelude::*;
+use std::any::Any;
 
 /// Rows per task: coarse levels are not worth a second thread.
 const ROWS: usize = 512;
@@ -24,6 +25,8 @@ pub(super) struct Level {
     pub values: Blocks<f32>,
     /// Present where products take the cubes instead of the values.
     cubes: Option<FreeCubes<f32>>,
+    /// Products take the values even so.
+    stored: bool,
     inverse: Vec<Inverse<f32>>,
     /// Largest eigenvalue of `D⁻¹ A`, with safety.
     largest: f32,
@@ -41,6 +44,7 @@ impl Level {
         Self {
             values: Blocks::zero(pattern.block_count()),
             cubes: None,
+            stored: true,
             inverse: vec![[[0.0; 4]; 3]; n],
             largest: 1.0,
             b: Quads::zero(n),
@@ -63,12 +67,46 @@ impl Level {
         self.values.0[..used].as_chunks_mut().0
     }
 
+    /// Blocks, nine numbers each, and inverted diagonal blocks, to be filled.
+    pub fn parts_mut(&mut self) -> (&mut [f32], &mut [Inverse<f32>]) {
+        let used = 9 * self.pattern.block_count();
+        (&mut self.values.0[..used], &mut self.inverse)
+    }
+
+    /// `q = A p`; writes the first of each `partial`: `pᵀ q` over a chunk of [`cubes::ROWS`] rows.
+    pub fn product_dot<A: Scalar>(&mut self, p: &Quads<A>, q: &mut Quads<A>, partial: &mut [[f64; 2]]) {
+        let own: (&dyn Any, &mut dyn Any) = (p, q);
+        if let (Some(p), Some(q)) = (own.0.downcast_ref::<Quads<f32>>(), own.1.downcast_mut::<Quads<f32>>()) {
+            if let Some(cubes) = self.cubes.as_mut().filter(|_| !self.stored) {
+                cubes.product_dot(p.padded(), q.get_mut(), partial);
+                return;
+            }
+            let (pattern, values, x) = (&self.pattern, &self.values, p.get());
+            let rows = q.get_mut().par_chunks_mut(cubes::ROWS).zip(partial).enumerate();
+            rows.for_each(|(c, (y, partial))| {
+                partial[0] = run_wide::<f32, _>(Product { pattern, values, x, first: c * cubes::ROWS, y });
+            });
+            return;
+        }
+        // other numbers are converted: nobody who cares for speed comes here
+        for (d, p) in self.d.get_mut().iter_mut().zip(p.get()) {
+            *d = p.map(|v| v.to_f64() as f32);
+        }
+        self.product(false);
+        for (q, own) in q.get_mut().iter_mut().zip(self.q.get()) {
+            *q = own.map(|v| A::from_f64(f64::from(v)));
+        }
+        for (c, partial) in partial.iter_mut().enumerate() {
+            let rows = c * cubes::ROWS..((c + 1) * cubes::ROWS).min(p.get().len());
+            let dot = |i: usize| (0..3).map(|k| p.get()[i][k].to_f64() * q.get()[i][k].to_f64()).sum::<f64>();
+            partial[0] = rows.map(dot).sum();
+        }
+    }
+
     /// Makes products take these cubes; `None` goes back to the values.
     pub fn set_cubes<R: Scalar>(&mut self, matrix: Option<&CubeMatrix<R>>) {
-        let Some(matrix) = matrix else {
-            self.cubes = None;
-            return;
-        };
+        self.stored = matrix.is_none();
+        let Some(matrix) = matrix else { return };
         if !self.cubes.as_ref().is_some_and(|c| c.belongs_to(&matrix.pattern)) {
             self.cubes = Some(FreeCubes::new(&matrix.pattern, &self.pattern));
         }
@@ -163,7 +201,7 @@ impl Level {
     /// `q = A x` or `q = A d`.
     fn product(&mut self, of_solution: bool) {
         let x = if of_solution { &self.x } else { &self.d };
-        if let Some(cubes) = &mut self.cubes {
+        if let Some(cubes) = self.cubes.as_mut().filter(|_| !self.stored) {
             cubes.product(x.padded(), self.q.get_mut());
             return;
         }
@@ -175,7 +213,7 @@ impl Level {
 
     /// `r -= A d`.
     fn reduce_residual(&mut self) {
-        if let Some(cubes) = &mut self.cubes {
+        if let Some(cubes) = self.cubes.as_mut().filter(|_| !self.stored) {
             cubes.subtract_product(self.d.padded(), self.r.get_mut());
             return;
         }

@@ -2,8 +2,9 @@
 //!
 //! One symmetric V-cycle per iteration: Chebyshev smoothing, Galerkin coarse operators, dense Cholesky on the coarsest level.
 //! Constrained nodes take no part: their rows of the interpolation are left out, and coarse nodes that only they interpolate
-//! from are dropped (mode "empty columns"). Cycle and iteration run in f32 on what is left to solve for; residuals are those
-//! of the caller's system in f64, and what is reported is the true residual.
+//! from are dropped (mode "empty columns"). Cycle and iteration run in f32 on what is left to solve for (the iteration in
+//! the caller's numbers where many digits are asked for); residuals are those of the caller's system in f64, and what is
+//! reported is the true residual.
 //!
 //! Coarse operators are rebuilt when the iteration count has grown by half since the last rebuild; nothing depends on a clock.
 
@@ -21,6 +22,9 @@ use super::{LinearSolver, LinearSystem, SolveError, SolveReport};
 use crate::{BlockCsr, BlockPattern, DofConstraints, Scalar};
 use std::sync::Arc;
 
+/// Below this tolerance the iteration runs in the caller's numbers: f32 would have to start again too often.
+const BELOW_SINGLE: f64 = 1e-5;
+
 /// Conjugate gradients preconditioned by one multigrid V-cycle.
 #[derive(Debug)]
 pub struct Multigrid<R> {
@@ -29,7 +33,7 @@ pub struct Multigrid<R> {
     pcg: Pcg<f32>,
     /// For systems f32 cannot hold; made when one comes.
     exact: Option<Pcg<R>>,
-    prepared: Option<(Arc<BlockPattern>, DofConstraints)>,
+    prepared: Option<Prepared>,
     cycle: Option<Cycle>,
     /// Iterations of the first solve after the last rebuild of the coarse operators, and of the last solve.
     fresh: Option<usize>,
@@ -52,14 +56,8 @@ impl<R: Scalar> Multigrid<R> {
         solution: &mut [[R; 3]],
         tolerance: f64,
     ) -> Result<SolveReport, SolveError> {
-        let (pattern, constraints) = self.prepared.as_ref().ok_or(SolveError::NotPrepared)?;
-        if self.exact.is_none() {
-            let mut exact = Pcg::new();
-            exact.prepare(pattern, constraints)?;
-            self.exact = Some(exact);
-        }
-        let exact = self.exact.as_mut().expect("made above");
-        exact.solve_with(Source::of(system), rhs, solution, tolerance, self.cycle.as_mut())
+        let exact = exact_solver(&mut self.exact, self.prepared.as_ref())?;
+        exact.solve_with(Source::of(system), rhs, solution, tolerance, self.cycle.as_mut(), true)
     }
 }
 
@@ -102,7 +100,8 @@ impl<R: Scalar> LinearSolver<R> for Multigrid<R> {
         if rebuild || !cubes {
             let matrix = system.assembled();
             self.pcg.check(matrix, rhs, solution)?;
-            cycle.load(matrix, self.pcg.free());
+            cycle.forget_cubes();
+            self.pcg.load_cycle(matrix, cycle)?;
         }
         let source = Source::of(system);
         if let Source::Cubes(matrix) = source {
@@ -111,7 +110,12 @@ impl<R: Scalar> LinearSolver<R> for Multigrid<R> {
         if rebuild {
             cycle.rebuild();
         }
-        let report = self.pcg.solve_with(source, rhs, solution, tolerance, Some(cycle));
+        let report = if tolerance < BELOW_SINGLE {
+            let exact = exact_solver(&mut self.exact, self.prepared.as_ref())?;
+            exact.solve_with(source, rhs, solution, tolerance, Some(cycle), true)
+        } else {
+            self.pcg.solve_with(source, rhs, solution, tolerance, Some(cycle), false)
+        };
         match &report {
             Ok(r) => {
                 let fresh = *self.fresh.get_or_insert(r.iterations.max(1));
@@ -136,6 +140,23 @@ impl<R: Scalar> LinearSolver<R> for Multigrid<R> {
     fn forget(&mut self) {
         self.fresh = None;
     }
+}
+
+/// What the system was prepared for.
+type Prepared = (Arc<BlockPattern>, DofConstraints);
+
+/// The iteration in the caller's numbers, made on first use.
+fn exact_solver<'a, R: Scalar>(
+    exact: &'a mut Option<Pcg<R>>,
+    prepared: Option<&Prepared>,
+) -> Result<&'a mut Pcg<R>, SolveError> {
+    let (pattern, constraints) = prepared.ok_or(SolveError::NotPrepared)?;
+    if exact.is_none() {
+        let mut made = Pcg::new();
+        made.prepare(pattern, constraints)?;
+        *exact = Some(made);
+    }
+    exact.as_mut().ok_or(SolveError::NotPrepared)
 }
 
 /// A matrix that is there already.

@@ -54,7 +54,8 @@ pub struct Pcg<R> {
 /// Products with cubes, for the iteration and for the true residual.
 #[derive(Debug)]
 struct CubeProducts<R> {
-    own: FreeCubes<R>,
+    /// Absent where a cycle makes the products.
+    own: Option<FreeCubes<R>>,
     exact: FreeCubes<f64>,
     x: Quads<f64>,
     y: Quads<f64>,
@@ -114,12 +115,15 @@ impl<R: Scalar> Pcg<R> {
         }
     }
 
-    /// Copies the free blocks, or the cubes, and inverts the diagonal blocks (always those of stored matrices, whose faults
-    /// show there).
-    fn load<B: Scalar>(&mut self, source: Source<'_, B>, jacobi: bool) -> Result<(), SolveError> {
+    /// Copies the free blocks, or the cubes, and inverts the diagonal blocks. With a cycle that makes the products, only what
+    /// the true residual needs.
+    fn load<B: Scalar>(&mut self, source: Source<'_, B>, jacobi: bool, products: bool) -> Result<(), SolveError> {
         let matrix = match source {
             Source::Stored(matrix) => {
                 self.cubes = None;
+                if !products {
+                    return Ok(());
+                }
                 if self.values.0.is_empty() {
                     self.values = Blocks::zero(self.pattern.block_count());
                 }
@@ -130,34 +134,45 @@ impl<R: Scalar> Pcg<R> {
             Source::Cubes(matrix) => matrix,
         };
         let n = self.pattern.row_count();
-        if !self.cubes.as_ref().is_some_and(|c| c.own.belongs_to(&matrix.pattern)) {
-            self.cubes = Some(Box::new(CubeProducts {
-                own: FreeCubes::new(&matrix.pattern, &self.pattern),
-                exact: FreeCubes::new(&matrix.pattern, &self.pattern),
-                x: Quads::zero(n),
-                y: Quads::zero(n),
-            }));
+        if !self.cubes.as_ref().is_some_and(|c| c.exact.belongs_to(&matrix.pattern)) {
+            let exact = FreeCubes::new(&matrix.pattern, &self.pattern);
+            self.cubes = Some(Box::new(CubeProducts { own: None, exact, x: Quads::zero(n), y: Quads::zero(n) }));
         }
         self.identity.fill(false);
         let cubes = self.cubes.as_mut().expect("made above");
-        cubes.own.load(matrix, &self.pattern);
         cubes.exact.load(matrix, &self.pattern);
-        if jacobi {
-            cubes.own.invert_diagonal(&mut self.inverse);
+        if products {
+            let own = cubes.own.get_or_insert_with(|| FreeCubes::new(&matrix.pattern, &self.pattern));
+            own.load(matrix, &self.pattern);
+            if jacobi {
+                own.invert_diagonal(&mut self.inverse);
+            }
         }
         Ok(())
     }
 
+    /// Fills the finest level of a cycle, which then makes the products as well.
+    pub(super) fn load_cycle<B: Scalar>(&mut self, matrix: &BlockCsr<B>, cycle: &mut Cycle) -> Result<(), SolveError> {
+        let (values, inverse) = cycle.finest_mut();
+        load_rows(&self.pattern, matrix, 0, values, inverse, &mut self.identity)
+    }
+
     /// `q = A p`; returns `pᵀ q`.
     fn product(&mut self) -> f64 {
-        if let Some(cubes) = &mut self.cubes {
-            cubes.own.product_dot(self.p.padded(), self.q.get_mut(), &mut self.partial);
+        if let Some(own) = self.cubes.as_mut().and_then(|c| c.own.as_mut()) {
+            own.product_dot(self.p.padded(), self.q.get_mut(), &mut self.partial);
         } else {
             let (pattern, values, p) = (&self.pattern, &self.values, self.p.get());
             self.q.get_mut().par_chunks_mut(ROWS).zip(&mut self.partial).enumerate().for_each(|(c, (y, partial))| {
                 partial[0] = run_wide::<R, _>(Product { pattern, values, x: p, first: c * ROWS, y });
             });
         }
+        self.partial.iter().map(|p| p[0]).sum()
+    }
+
+    /// As `product`, by the finest level of the cycle.
+    fn product_by(&mut self, cycle: &mut Cycle) -> f64 {
+        cycle.product_dot(&self.p, &mut self.q, &mut self.partial);
         self.partial.iter().map(|p| p[0]).sum()
     }
 
@@ -201,7 +216,13 @@ impl<R: Scalar> Pcg<R> {
 
     /// Runs from the residual in `r` until it has at most the square norm `target`; returns the iterations done and whether
     /// it got there. `x` is added to.
-    fn iterate(&mut self, target: f64, limit: usize, mut cycle: Option<&mut Cycle>) -> Result<usize, SolveError> {
+    fn iterate(
+        &mut self,
+        target: f64,
+        limit: usize,
+        mut cycle: Option<&mut Cycle>,
+        products: bool,
+    ) -> Result<usize, SolveError> {
         // an update by nothing: z = D r and the dot products; q and p hold zeros or finite leftovers
         let (mut rz, mut rr) = self.update(R::zero());
         if rr <= target {
@@ -212,7 +233,10 @@ impl<R: Scalar> Pcg<R> {
         }
         self.direction(R::zero());
         for iteration in 1..=limit {
-            let pq = self.product();
+            let pq = match &mut cycle {
+                Some(cycle) if !products => self.product_by(cycle),
+                _ => self.product(),
+            };
             if pq.is_nan() || pq <= 0.0 || !rz.is_finite() {
                 return Err(SolveError::NotPositiveDefinite { node: self.steepest_node() });
             }
@@ -306,7 +330,7 @@ impl<R: Scalar> LinearSolver<R> for Pcg<R> {
         solution: &mut [[R; 3]],
         tolerance: f64,
     ) -> Result<SolveReport, SolveError> {
-        self.solve_with(Source::Stored(matrix), rhs, solution, tolerance, None)
+        self.solve_with(Source::Stored(matrix), rhs, solution, tolerance, None, true)
     }
 
     fn solve_system(
@@ -316,12 +340,13 @@ impl<R: Scalar> LinearSolver<R> for Pcg<R> {
         solution: &mut [[R; 3]],
         tolerance: f64,
     ) -> Result<SolveReport, SolveError> {
-        self.solve_with(Source::of(system), rhs, solution, tolerance, None)
+        self.solve_with(Source::of(system), rhs, solution, tolerance, None, true)
     }
 }
 
 impl<R: Scalar> Pcg<R> {
-    /// As `solve`, for a system in other numbers too, preconditioned by the cycle when there is one.
+    /// As `solve`, for a system in other numbers too, preconditioned by the cycle when there is one. Without `products` the
+    /// cycle, which has been given the system, makes the products too.
     pub(super) fn solve_with<B: Scalar>(
         &mut self,
         source: Source<'_, B>,
@@ -329,6 +354,7 @@ impl<R: Scalar> Pcg<R> {
         solution: &mut [[B; 3]],
         tolerance: f64,
         cycle: Option<&mut Cycle>,
+        products: bool,
     ) -> Result<SolveReport, SolveError> {
         match source {
             Source::Stored(matrix) => self.check(matrix, rhs, solution)?,
@@ -340,7 +366,7 @@ impl<R: Scalar> Pcg<R> {
             }
         }
         // on the pool's own threads, so that each loop does not enter it anew
-        rayon::scope(|_| self.solve_inside(source, rhs, solution, tolerance, cycle))
+        rayon::scope(|_| self.solve_inside(source, rhs, solution, tolerance, cycle, products))
     }
 
     /// Does the system belong to the prepared pattern?
@@ -361,8 +387,9 @@ impl<R: Scalar> Pcg<R> {
         solution: &mut [[B; 3]],
         tolerance: f64,
         mut cycle: Option<&mut Cycle>,
+        products: bool,
     ) -> Result<SolveReport, SolveError> {
-        self.load(source, cycle.is_none())?;
+        self.load(source, cycle.is_none(), products)?;
         let Some(scale) = self.pattern.scale_of(rhs)? else {
             solution.fill([B::zero(); 3]);
             return Ok(SolveReport { solver: "pcg", iterations: 0, residual: 0.0, converged: true });
@@ -386,7 +413,8 @@ impl<R: Scalar> Pcg<R> {
             }
             // no further than the recursion can be believed
             let goal = (tolerance * norm).powi(2).max(left * (BELIEVED * R::EPSILON.to_f64()).powi(2)) * part * part;
-            iterations += self.iterate(goal, self.iteration_limit.saturating_sub(iterations), cycle.as_deref_mut())?;
+            let limit = self.iteration_limit.saturating_sub(iterations);
+            iterations += self.iterate(goal, limit, cycle.as_deref_mut(), products)?;
             let before = left;
             left = self.examine(source, rhs, scale, part);
             let residual = left.sqrt() / norm;
