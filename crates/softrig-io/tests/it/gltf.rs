@@ -4,7 +4,6 @@ use crate::gltf_reference::Reference;
 use crate::shared::{Data, data};
 use softrig::character::{Character, Skin};
 use softrig_io::{ImportOptions, gltf};
-use std::path::Path;
 
 fn read(data: &Data, name: &str) -> Character {
     gltf::read(&data.file(format!("characters/{name}")), &ImportOptions::default()).unwrap()
