@@ -68,11 +68,8 @@ fn frames_come_back_as_they_went_in() {
     }
 }
 
-#[test]
-fn a_volume_mesh_and_its_nodes_are_kept() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("j");
-    let character = made::one_mesh();
+/// A tetrahedron and a hexahedron.
+fn volume() -> JournalVolume {
     let mesh = VolumeMesh {
         nodes: (0..5).map(|i| [f64::from(i), 0.5, 1.0 / 3.0]).collect(),
         tets: vec![[0, 1, 2, 3]],
@@ -84,7 +81,16 @@ fn a_volume_mesh_and_its_nodes_are_kept() {
     };
     let materials =
         MaterialMap { materials: vec![Material::default()], of_cell: vec![0, 0], stiffness_factor: vec![1.0, 7.0] };
-    let header = JournalHeader { volume: Some(JournalVolume { mesh, materials }), ..made::header(&character, 1) };
+    JournalVolume { mesh, materials }
+}
+
+#[test]
+fn a_volume_mesh_and_its_nodes_are_kept() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("j");
+    let character = made::one_mesh();
+    let volume = Some(volume());
+    let header = JournalHeader { volume, ..made::header(&character, 1) };
     let mut writer = JournalWriter::create(&path, header.clone(), Existing::Refuse).unwrap();
     made::feed(&mut writer, &character, 0).unwrap();
     let mut reader = JournalReader::open(&path).unwrap();
@@ -92,6 +98,27 @@ fn a_volume_mesh_and_its_nodes_are_kept() {
     let mut frame = JournalFrame::default();
     reader.read_frame(0, &mut frame).unwrap();
     assert_eq!(frame.nodes, [[9.0; 3]; 5]);
+}
+
+/// Stresses are made of them: what no body takes never comes out as numbers.
+#[test]
+fn materials_that_no_body_takes_are_refused() {
+    let changes: [fn(&mut JournalVolume); 4] = [
+        |v| v.materials.materials[0].density = f64::NAN,
+        |v| v.materials.materials[0].poisson_ratio = 0.5,
+        |v| v.materials.stiffness_factor[1] = f32::INFINITY,
+        |v| v.mesh.fill[0] = f32::NAN,
+    ];
+    for change in changes {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("j");
+        let mut volume = volume();
+        change(&mut volume);
+        let header = JournalHeader { volume: Some(volume), ..made::header(&made::one_mesh(), 1) };
+        // the writer reads its own header back
+        let e = JournalWriter::create(&path, header, Existing::Refuse).unwrap_err();
+        assert!(e.to_string().contains("materials or fills"), "{e}");
+    }
 }
 
 /// Kill -9 can cut the file at any byte: every frame whose record ended before the cut is there, and nothing else is.
