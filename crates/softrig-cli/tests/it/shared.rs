@@ -16,21 +16,25 @@ pub fn real_file(path: &str) -> Option<PathBuf> {
         let _ = writeln!(std::io::stderr(), "skipped: {test}, no {}", file.display());
         return None;
     }
-    exercised(path);
+    if file.is_file() {
+        exercised(path);
+    }
     Some(file)
 }
 
 /// All files below a folder of the shared folder with one of the endings, sorted; empty, said, when it is not there.
-pub fn real_files(folder: &str, endings: &[&str]) -> Vec<PathBuf> {
+pub fn real_files(start: &str, endings: &[&str]) -> Vec<PathBuf> {
     let mut found = Vec::new();
-    let mut folders: Vec<PathBuf> = real_file(folder).into_iter().collect();
+    let top = real_file(start);
+    let mut folders: Vec<PathBuf> = top.iter().cloned().collect();
     while let Some(folder) = folders.pop() {
         for entry in std::fs::read_dir(&folder).expect("a readable folder").flatten() {
             let path = entry.path();
             if path.is_dir() {
                 folders.push(path);
             } else if path.extension().is_some_and(|e| endings.iter().any(|w| e == *w)) {
-                exercised(&path.display().to_string());
+                let name = top.as_ref().and_then(|top| path.strip_prefix(top).ok()).unwrap_or(&path);
+                exercised(&Path::new(start).join(name).display().to_string());
                 found.push(path);
             }
         }
@@ -43,6 +47,7 @@ pub fn real_files(folder: &str, endings: &[&str]) -> Vec<PathBuf> {
 fn exercised(path: &str) {
     if let Some(log) = std::env::var_os("SOFTRIG_EXERCISED") {
         let mut log = std::fs::OpenOptions::new().create(true).append(true).open(log).expect("the list of files opens");
-        writeln!(log, "{path}").expect("the list of files grows");
+        // one write, so that tests at the same time do not mix
+        log.write_all(format!("{path}\n").as_bytes()).expect("the list of files grows");
     }
 }
