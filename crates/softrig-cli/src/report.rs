@@ -88,6 +88,8 @@ pub struct BakeReport {
     pub cell_volume_ratio_p99: f64,
     /// Most cells inverted in one frame.
     pub inverted_cells_max: usize,
+    /// How many times stiffer than asked for the stiffest cell is, so that the clip does not crush it [-]; 1 where none is.
+    pub stiffened_max: f64,
     /// Largest part of the morph targets' fit that is wrong, over the height [-]; only for .glb.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub morph_error_max: Option<f64>,

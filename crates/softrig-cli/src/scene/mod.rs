@@ -121,6 +121,8 @@ pub struct Simulation {
     pub precision: Precision,
     /// Gravity in the world, Y up [m/s2].
     pub gravity: [f64; 3],
+    /// Makes flesh stiffer where the clip's accelerations would crush it.
+    pub stiffen: bool,
 }
 
 impl Default for Simulation {
@@ -132,6 +134,7 @@ impl Default for Simulation {
             tolerance: 1e-6,
             precision: Precision::default(),
             gravity: [0.0, -9.81, 0.0],
+            stiffen: true,
         }
     }
 }

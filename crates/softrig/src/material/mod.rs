@@ -143,6 +143,19 @@ impl MaterialMap {
         Self { materials: vec![material], of_cell: Vec::new(), stiffness_factor: Vec::new() }
     }
 
+    /// Multiplies the stiffness of every cell by its factor [-].
+    ///
+    /// # Panics
+    /// When the map has factors for another number of cells.
+    pub fn stiffen(&mut self, factors: &[f32]) {
+        if self.stiffness_factor.is_empty() {
+            self.stiffness_factor = factors.to_vec();
+            return;
+        }
+        assert_eq!(self.stiffness_factor.len(), factors.len(), "one factor per cell");
+        self.stiffness_factor.iter_mut().zip(factors).for_each(|(to, f)| *to *= f);
+    }
+
     /// Material of cell `i`, its Young's modulus times the cell's factor.
     ///
     /// # Panics

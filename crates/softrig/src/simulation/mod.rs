@@ -6,10 +6,12 @@ mod checkpoint;
 mod drive;
 mod motion;
 mod settings;
+mod stiffen;
 
 pub use checkpoint::{Checkpoint, CheckpointError};
 pub use motion::{ClipMotion, Motion, RestMotion};
 pub use settings::{FrameReport, SimulationSettings, SolverKind};
+pub use stiffen::stiffening;
 
 use crate::body::{Body, BodyError};
 use crate::character::{Character, Skin, bone_maps};

@@ -5,6 +5,7 @@ mod output;
 mod prepare;
 mod resume;
 mod session;
+mod stiffen;
 
 pub use output::{
     Policy, Target, check_folder_of, make_folder_of, refuse_existing, refuse_input, write_whole, write_whole_with,

@@ -4,6 +4,7 @@ use super::measure::Measures;
 use super::output::{self, Forces, Policy, Target};
 use super::prepare::Prepared;
 use super::resume::{self, Snapshot};
+use super::stiffen::Stiffened;
 use crate::args::Precision;
 use crate::failure::Failure;
 use crate::interrupt::{self, Graceful};
@@ -11,6 +12,7 @@ use crate::report::{BakeReport, peak_rss_mib};
 use crate::scene::Scene;
 use crate::ui::{self, Progress};
 use softrig::frame::FrameSink;
+use softrig::material::MaterialMap;
 use softrig::mesh::components;
 use softrig::rig::{Clip, Pose};
 use softrig::simulation::{Checkpoint, ClipMotion, Motion, Simulation};
@@ -78,11 +80,13 @@ fn bake<R: Scalar>(job: &Job<'_>, forces: Option<&mut Forces>) -> Result<BakeRep
     let count = range.len();
     let from = Window { offset: range.start as f64 / fps, motion };
 
+    let duration = count.saturating_sub(1) as f64 / fps;
+    let stiffened = Stiffened::new(prepared, scene.simulation.stiffen, &from, duration);
     let mut simulation = Simulation::<R>::new(
         &prepared.character,
         prepared.volume.clone(),
         prepared.binding.clone(),
-        &prepared.materials,
+        &stiffened.materials,
         prepared.settings.clone(),
     )
     .map_err(|e| Failure::reading(&scene.character, &e))?;
@@ -90,10 +94,11 @@ fn bake<R: Scalar>(job: &Job<'_>, forces: Option<&mut Forces>) -> Result<BakeRep
 
     // where the first frame lies in the clip's own time
     let start_time = job.clip.start + from.offset * scene.motion.speed;
-    let header = header(job, start_time, count);
+    let header = header(job, &stiffened.materials, start_time, count);
     // from here on there are frames to be kept
     let graceful = Graceful::begin();
-    let (mut journal, mut measures, mut next, finished) = open(job, header, &mut simulation, &from)?;
+    let (mut journal, mut measures, mut next, finished) =
+        open(job, header, &stiffened.materials, &mut simulation, &from)?;
     if !finished {
         let mut progress = Progress::new("frames", next, count);
         while next < count {
@@ -155,6 +160,7 @@ fn bake<R: Scalar>(job: &Job<'_>, forces: Option<&mut Forces>) -> Result<BakeRep
         dynamics: prepared.settings.dynamics.name().into(),
         precision: R::NAME.into(),
         threads: rayon::current_num_threads(),
+        stiffened_max: stiffened.factor,
         morph_error_max: exported.morphs.as_ref().map(|m| m.error),
         peak_rss_mib: peak_rss_mib(),
         setup_seconds: setup.as_secs_f64(),
@@ -165,6 +171,10 @@ fn bake<R: Scalar>(job: &Job<'_>, forces: Option<&mut Forces>) -> Result<BakeRep
     };
     measures.report(&mut report);
     say(&report);
+    if let Some(note) = stiffened.note() {
+        ui::note(&note);
+        report.notes.push(note);
+    }
     if let Some(note) = measures.lost_shape(report.cells) {
         ui::warn(&note);
         report.notes.push(note);
@@ -193,7 +203,7 @@ fn frames(scene: &Scene, motion: &ClipMotion<'_>, name: &str) -> Result<std::ops
     Ok(wanted.start..end)
 }
 
-fn header(job: &Job<'_>, start_time: f64, count: usize) -> JournalHeader {
+fn header(job: &Job<'_>, materials: &MaterialMap, start_time: f64, count: usize) -> JournalHeader {
     let prepared = job.prepared;
     let meshes = prepared.character.meshes.iter();
     JournalHeader {
@@ -205,19 +215,20 @@ fn header(job: &Job<'_>, start_time: f64, count: usize) -> JournalHeader {
         joint_count: prepared.character.skeleton.joint_count() as u32,
         meshes: meshes.map(|m| JournalMesh { name: m.name.clone(), vertex_count: m.positions.len() as u32 }).collect(),
         // most of a frame would be nodes: they are kept for results that show them, and for a journal that is the result
-        volume: matches!(job.target.format, Some(Format::Vtu) | None).then(|| volume(job)),
+        volume: matches!(job.target.format, Some(Format::Vtu) | None).then(|| volume(job, materials)),
     }
 }
 
 /// The volume mesh as a journal keeps it.
-fn volume(job: &Job<'_>) -> JournalVolume {
-    JournalVolume { mesh: job.prepared.volume.clone(), materials: job.prepared.materials.clone() }
+fn volume(job: &Job<'_>, materials: &MaterialMap) -> JournalVolume {
+    JournalVolume { mesh: job.prepared.volume.clone(), materials: materials.clone() }
 }
 
 /// Begins the journal, or goes on with it: then the simulation is where the journal's last checkpoint was.
 fn open<R: Scalar>(
     job: &Job<'_>,
     mut header: JournalHeader,
+    materials: &MaterialMap,
     simulation: &mut Simulation<R>,
     motion: &dyn Motion,
 ) -> Result<(JournalWriter, Measures, usize, bool), Failure> {
@@ -232,7 +243,7 @@ fn open<R: Scalar>(
     // a journal is gone on with as it was begun, with nodes or without, where the result can do with either
     if target.format != Some(Format::Vtu) {
         let wanted = begun.header().volume.is_some();
-        header.volume = wanted.then(|| volume(job));
+        header.volume = wanted.then(|| volume(job, materials));
     }
     drop(begun);
     let (journal, point) = JournalWriter::resume(&target.journal, header).map_err(|e| journal_failure(&e))?;
