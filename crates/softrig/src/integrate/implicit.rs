@@ -9,10 +9,11 @@
 //! v' = 2 V, 0, 2 V, 0 for a bone at constant speed V, and an acceleration that grows with every step.
 #![allow(non_snake_case, reason = "symbols of the time integration literature")]
 
+use super::system::StepSystem;
 use super::{Integrator, State, StepError, StepInput, StepOutput};
 use crate::body::Body;
 use crate::force::Increment;
-use softrig_linalg::{BlockCsr, BlockPattern, CubeMatrix, DofConstraints, LinearSolver, LinearSystem, Scalar};
+use softrig_linalg::{BlockCsr, BlockPattern, CubeMatrix, DofConstraints, LinearSolver, Scalar};
 use std::sync::Arc;
 
 /// A time integration scheme.
@@ -219,8 +220,7 @@ impl<R: Scalar> Implicit<R> {
             let tolerance = (asked * ratio).min(asked.max(0.3));
             self.correction.fill([R::zero(); 3]);
             let matrix = self.matrix.as_mut().expect("prepare made it");
-            let mut system = StepSystem { body, constants: &c, matrix, cubes: self.cubes.as_mut(), assembled: false };
-            system.fill_cubes();
+            let mut system = StepSystem::new(body, (c.vd, c.ad), matrix, self.cubes.as_mut());
             let report = solver
                 .solve_system(&mut system, &self.rhs, &mut self.correction, tolerance)
                 .map_err(|source| StepError::Solve { time, source })?;
@@ -257,64 +257,6 @@ impl<R: Scalar> Implicit<R> {
             output.kinetic_energy += 0.5 * body.mass[i].to_f64() * (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
         }
         Ok(())
-    }
-}
-
-/// K + vd C + ad M at the last linearisation.
-struct StepSystem<'a, R> {
-    body: &'a mut Body<R>,
-    constants: &'a Constants,
-    matrix: &'a mut BlockCsr<R>,
-    cubes: Option<&'a mut CubeMatrix<R>>,
-    assembled: bool,
-}
-
-impl<R: Scalar> StepSystem<'_, R> {
-    fn factors(&self) -> (R, R) {
-        (R::from_f64(self.constants.vd), R::from_f64(self.constants.ad))
-    }
-
-    /// Damping by the mass, and the mass where it is lumped.
-    fn on_diagonal(&self, i: usize) -> R {
-        let ((vd, ad), body) = (self.factors(), &self.body);
-        let drag = vd * (body.drag[i] + body.mass_damping * body.mass[i]);
-        if body.consistent_mass.is_none() { drag + ad * body.mass[i] } else { drag }
-    }
-
-    fn fill_cubes(&mut self) {
-        let Some(cubes) = self.cubes.take() else { return };
-        self.body.model.cubes(self.factors().0, self.body.stiffness_damping, cubes);
-        for i in 0..cubes.diagonal.len() {
-            cubes.diagonal[i] = self.on_diagonal(i);
-        }
-        self.cubes = Some(cubes);
-    }
-}
-
-impl<R: Scalar> LinearSystem<R> for StepSystem<'_, R> {
-    fn assembled(&mut self) -> &BlockCsr<R> {
-        if self.assembled {
-            return self.matrix;
-        }
-        self.assembled = true;
-        let (vd, ad) = self.factors();
-        self.matrix.values.resize(self.matrix.pattern.block_count(), [R::zero(); 9]);
-        self.body.model.stiffness(vd, self.body.stiffness_damping, self.matrix);
-        if let Some(m) = &self.body.consistent_mass {
-            for (to, from) in self.matrix.values.iter_mut().zip(&m.values) {
-                (0..9).for_each(|k| to[k] += from[k] * ad);
-            }
-        }
-        for i in 0..self.body.mass.len() {
-            let at = self.body.pattern.diagonal()[i] as usize;
-            let m = self.on_diagonal(i);
-            (0..3).for_each(|k| self.matrix.values[at][4 * k] += m);
-        }
-        self.matrix
-    }
-
-    fn cubes(&mut self) -> Option<&CubeMatrix<R>> {
-        self.cubes.as_deref()
     }
 }
 

@@ -6,6 +6,7 @@ mod dynamics;
 mod guard;
 mod implicit;
 mod start;
+mod system;
 
 pub use dynamics::Dynamics;
 pub use guard::Guarded;

@@ -6,6 +6,7 @@ mod checkpoint;
 mod drive;
 mod motion;
 mod settings;
+mod skin;
 mod stiffen;
 
 pub use checkpoint::{Checkpoint, CheckpointError};
@@ -14,16 +15,17 @@ pub use settings::{FrameReport, SimulationSettings, SolverKind};
 pub use stiffen::stiffening;
 
 use crate::body::{Body, BodyError};
-use crate::character::{Character, Skin, bone_maps};
+use crate::character::Character;
 use crate::couple::{BindError, Binding};
 use crate::force::ElasticModel;
 use crate::frame::Frame;
 use crate::integrate::{Dynamics, Implicit, Integrator, Scheme, State, StepError, StepInput, StepOutput};
 use crate::material::MaterialMap;
-use crate::mesh::{self, Embedding, VolumeMesh};
-use crate::rig::{JointId, Pose, Skeleton};
+use crate::mesh::{self, VolumeMesh};
+use crate::rig::{Pose, Skeleton};
 use drive::Drive;
 use glam::DVec3;
+use skin::SkinCarrier;
 use softrig_linalg::{DofConstraints, LinearSolver, Scalar};
 
 /// Why a simulation cannot be set up.
@@ -77,21 +79,6 @@ struct Scratch<R> {
     target_velocity: Vec<[R; 3]>,
     external_force: Vec<[R; 3]>,
     nodes: Vec<[f64; 3]>,
-}
-
-/// Skin vertices of all meshes: embedded ones by cells, rigid ones by their joint.
-struct SkinCarrier {
-    embedding: Embedding,
-    points: Vec<[f64; 3]>,
-    meshes: Vec<CarriedMesh>,
-    positions: Vec<Vec<[f64; 3]>>,
-}
-
-enum CarriedMesh {
-    /// Embedded point of each vertex.
-    Flesh(Vec<u32>),
-    /// Rest positions, and the joint they follow; without one they stay.
-    Rigid(Vec<[f64; 3]>, Option<JointId>),
 }
 
 fn cast<R: Scalar>(v: [f64; 3]) -> [R; 3] {
@@ -421,60 +408,3 @@ const MOST_SUBSTEPS: f64 = 64.0;
 const TELEPORT_SHARE: f64 = 0.2;
 /// ... and this many times the move of the frames before and after.
 const TELEPORT_RATIO: f64 = 8.0;
-
-impl SkinCarrier {
-    fn new(character: &Character, mesh: &VolumeMesh) -> Result<Self, mesh::MeshError> {
-        let surface = character.surface(true);
-        let weld = mesh::weld(&surface.positions, 1e-6 * character.height());
-        let triangles: Vec<[u32; 3]> =
-            surface.triangles.iter().map(|t| t.map(|v| weld.vertex_to_welded[v as usize])).collect();
-        let normals = vertex_normals(&weld.positions, &triangles);
-        let embedding = Embedding::embed(mesh, &weld.positions, Some(&normals))?;
-        let mut next = 0;
-        let mut meshes = Vec::new();
-        for m in &character.meshes {
-            meshes.push(match &m.skin {
-                Skin::Weighted(_) => {
-                    let range = next..next + m.positions.len();
-                    next = range.end;
-                    CarriedMesh::Flesh(weld.vertex_to_welded[range].to_vec())
-                }
-                Skin::Rigid(joint) => CarriedMesh::Rigid(m.positions.clone(), Some(*joint)),
-                Skin::Free => CarriedMesh::Rigid(m.positions.clone(), None),
-            });
-        }
-        let positions = character.meshes.iter().map(|m| m.positions.clone()).collect();
-        Ok(Self { points: weld.positions, embedding, meshes, positions })
-    }
-
-    fn carry<R: Scalar>(&mut self, nodes: &[[R; 3]], skeleton: &Skeleton, pose: &Pose) {
-        self.embedding.apply(nodes, &mut self.points);
-        let maps = bone_maps(skeleton, pose);
-        for (mesh, out) in self.meshes.iter().zip(&mut self.positions) {
-            match mesh {
-                CarriedMesh::Flesh(point) => {
-                    for (p, o) in point.iter().zip(out) {
-                        *o = self.points[*p as usize];
-                    }
-                }
-                CarriedMesh::Rigid(rest, Some(joint)) => {
-                    for (r, o) in rest.iter().zip(out) {
-                        *o = maps[joint.index()].point(*r);
-                    }
-                }
-                CarriedMesh::Rigid(..) => {}
-            }
-        }
-    }
-}
-
-/// Area-weighted normals; zero where a vertex has no triangle.
-fn vertex_normals(positions: &[[f64; 3]], triangles: &[[u32; 3]]) -> Vec<[f64; 3]> {
-    let mut normals = vec![DVec3::ZERO; positions.len()];
-    for t in triangles {
-        let [a, b, c] = t.map(|v| DVec3::from(positions[v as usize]));
-        let n = (b - a).cross(c - a);
-        t.iter().for_each(|v| normals[*v as usize] += n);
-    }
-    normals.into_iter().map(|n| n.normalize_or_zero().into()).collect()
-}
