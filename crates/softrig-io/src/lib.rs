@@ -19,4 +19,5 @@ mod text;
 
 pub use error::{ImportError, Place, in_words};
 pub use import::{ImportOptions, import};
+pub use source::open_regular;
 pub use units::UpAxis;

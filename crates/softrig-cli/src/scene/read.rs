@@ -2,6 +2,7 @@
 
 use super::Scene;
 use softrig::material::Material;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 /// Why a scene cannot be used.
@@ -47,11 +48,13 @@ const MOST_BYTES: u64 = 1 << 20;
 /// # Errors
 /// [`SceneError`] names the line, or the key, and what to change.
 pub fn read(path: &Path) -> Result<Scene, SceneError> {
-    let size = std::fs::metadata(path).map_err(SceneError::Read)?.len();
+    let file = softrig_io::open_regular(path).map_err(SceneError::Read)?;
+    let size = file.metadata().map_err(SceneError::Read)?.len();
     if size > MOST_BYTES {
         return Err(SceneError::TooLarge(size));
     }
-    let bytes = std::fs::read(path).map_err(SceneError::Read)?;
+    let mut bytes = Vec::new();
+    file.take(MOST_BYTES).read_to_end(&mut bytes).map_err(SceneError::Read)?;
     let text = std::str::from_utf8(&bytes).map_err(|e| {
         let (line, column) = place(&String::from_utf8_lossy(&bytes[..e.valid_up_to()]), e.valid_up_to());
         SceneError::Syntax { line, column, message: "is not UTF-8 text".into() }

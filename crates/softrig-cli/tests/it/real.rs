@@ -86,6 +86,26 @@ fn bad_files_work_or_are_refused_as_the_table_says() {
     }
 }
 
+/// A pipe that nobody writes to and a device without an end are refused before they are read.
+#[test]
+#[cfg(unix)]
+fn what_never_ends_is_refused() {
+    let dir = folder();
+    let made = Command::new("mkfifo").current_dir(dir.path()).arg("pipe").status();
+    for ending in ["pc2", "mdd", "toml", "softrig-journal", "glb", "obj", "bvh", "vtu"] {
+        for (kind, target) in [("zero", Path::new("/dev/zero")), ("pipe", &dir.path().join("pipe"))] {
+            if kind == "pipe" && !made.as_ref().is_ok_and(std::process::ExitStatus::success) {
+                continue;
+            }
+            let name = format!("{kind}.{ending}");
+            std::os::unix::fs::symlink(target, dir.path().join(&name)).unwrap();
+            let (code, _, err) = said(&bounded(dir.path(), 2, &["inspect", &name]));
+            assert!(matches!(code, Some(1 | 3)) && err.contains(&name), "{name}: {code:?} {err}");
+            assert!(err.contains("not a regular file"), "{name}: {err}");
+        }
+    }
+}
+
 /// Inspecting says what is in every character, and the scene it prints is one.
 #[test]
 fn characters_are_inspected_and_their_scenes_read_back() {

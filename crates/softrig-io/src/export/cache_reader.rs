@@ -60,7 +60,8 @@ impl PointCache<File> {
     /// # Errors
     /// [`CacheError`].
     pub fn open(path: &Path) -> Result<Self, CacheError> {
-        let file = File::open(path).map_err(|source| CacheError::Io { file: path.to_owned(), source })?;
+        let file =
+            crate::source::open_regular(path).map_err(|source| CacheError::Io { file: path.to_owned(), source })?;
         Self::from_source(file, path)
     }
 }

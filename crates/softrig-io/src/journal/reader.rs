@@ -81,7 +81,7 @@ impl JournalReader<File> {
     /// # Errors
     /// [`JournalError`] when the file cannot be read or its header cannot be trusted; a torn tail is no error.
     pub fn open(path: &Path) -> Result<Self, JournalError> {
-        let file = File::open(path).map_err(|source| match source.kind() {
+        let file = crate::source::open_regular(path).map_err(|source| match source.kind() {
             ErrorKind::NotFound => JournalError::Missing { file: path.to_owned() },
             _ => JournalError::Io { file: path.to_owned(), source },
         })?;
