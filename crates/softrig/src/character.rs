@@ -1,7 +1,7 @@
 //! A character as files describe it: meshes, skin weights, skeleton, clips, in metres and Y up.
 
 use crate::mesh::SurfaceMesh;
-use crate::rig::{Affine, Clip, JointId, Pose, Skeleton};
+use crate::rig::{Affine, Clip, Joint, JointId, Pose, Skeleton};
 
 /// A rigged character, or a bare surface (no joints, no clips).
 #[derive(Clone, Debug, PartialEq)]
@@ -217,10 +217,10 @@ impl Character {
 /// A joint whose rest frame cannot be inverted keeps the identity.
 #[must_use]
 pub fn bone_maps(skeleton: &Skeleton, pose: &Pose) -> Vec<Affine> {
-    skeleton
-        .joints()
-        .iter()
-        .zip(&pose.world)
-        .map(|(joint, world)| joint.rest.inverse().map_or(Affine::IDENTITY, |back| world.after(&back)))
-        .collect()
+    skeleton.joints().iter().zip(&pose.world).map(|(joint, world)| bone_map(joint, world)).collect()
+}
+
+/// The map of one joint's frame, as in [`bone_maps`].
+pub(crate) fn bone_map(joint: &Joint, world: &Affine) -> Affine {
+    joint.rest.inverse().map_or(Affine::IDENTITY, |back| world.after(&back))
 }

@@ -1,4 +1,4 @@
-//! Counts what advancing a simulation takes from the heap: nothing that grows with the body, once the first frames are done.
+//! Counts what advancing a simulation takes from the heap: nothing, once the first frames are done.
 //!
 //! A binary of its own, because a counting allocator serves a whole process.
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
@@ -113,16 +113,16 @@ fn run(mesh: impl Fn(VolumeMesh) -> VolumeMesh, cells: usize, solver: SolverKind
     out
 }
 
-/// What is taken for poses is the same for any body; what grows with nodes or cells is kept from the first frames on. On one
+/// Steps take nothing, frames a map for each joint; what grows with nodes or cells is kept from the first frames on. On one
 /// thread, because a pool of several allocates for its own queues when it likes.
 #[test]
-fn no_step_after_the_first_frames_allocates_for_nodes() {
+fn no_step_after_the_first_frames_allocates() {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).stack_size(8 << 20).build().unwrap();
     pool.install(|| {
         let kinds: [(&str, fn(VolumeMesh) -> VolumeMesh, SolverKind); 3] = [
             ("hex, multigrid", |m| m, SolverKind::Multigrid),
             ("hex, pcg", |m| m, SolverKind::Pcg),
-            ("tet, pcg", |m| tetrahedralize(&m), SolverKind::Pcg),
+            ("tet, multigrid", |m| tetrahedralize(&m), SolverKind::Multigrid),
         ];
         for (name, mesh, solver) in kinds {
             let (small, large) = (run(mesh, 1000, solver), run(mesh, 2000, solver));
@@ -131,9 +131,9 @@ fn no_step_after_the_first_frames_allocates_for_nodes() {
                     "{name}, {} nodes, 5 frames of {} steps: advance {:?}, frame {:?}",
                     r.nodes, r.steps, r.advance, r.frame
                 );
-                // the world frames of all joints are the largest thing that a pose is made of
+                assert_eq!(r.advance, Taken::default(), "{name}: {} nodes", r.nodes);
+                // carrying the skin takes the map of every joint
                 let joints = softrig::sample::character().skeleton.joint_count();
-                assert!(r.advance.largest <= 300 * joints, "{name}: {:?} with {} nodes", r.advance, r.nodes);
                 assert!(r.frame.largest <= 300 * joints, "{name}: {:?} with {} nodes", r.frame, r.nodes);
             }
             assert!(large.nodes > small.nodes + 500 && large.steps == small.steps, "{name}");

@@ -65,7 +65,15 @@ impl Clip {
     /// nearest key holds. Joints without a track keep the skeleton's own transform.
     #[must_use]
     pub fn sample(&self, skeleton: &Skeleton, time: f64) -> Vec<Transform> {
-        let mut locals = skeleton.rest_locals();
+        let mut locals = Vec::new();
+        self.sample_into(skeleton, time, &mut locals);
+        locals
+    }
+
+    /// As [`Self::sample`], into a list that is kept.
+    pub fn sample_into(&self, skeleton: &Skeleton, time: f64, locals: &mut Vec<Transform>) {
+        locals.clear();
+        locals.extend(skeleton.joints().iter().map(|j| j.local));
         for track in &self.tracks {
             let Some(local) = locals.get_mut(track.joint.index()) else { continue };
             let Some(v) = track.sample(time) else { continue };
@@ -75,7 +83,6 @@ impl Clip {
                 Property::Scale => local.scale = [v[0], v[1], v[2]],
             }
         }
-        locals
     }
 }
 

@@ -53,7 +53,7 @@ pub struct Skeleton {
 }
 
 /// World frames of all joints at one instant: joint frame to the world [m].
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Pose {
     /// One frame per joint of the skeleton.
     pub world: Vec<Affine>,
@@ -149,15 +149,26 @@ impl Skeleton {
     /// When `locals` has another length than the skeleton.
     #[must_use]
     pub fn pose(&self, locals: &[Transform]) -> Pose {
+        let mut pose = Pose { world: Vec::new() };
+        self.pose_into(locals, &mut pose);
+        pose
+    }
+
+    /// As [`Self::pose`], into a pose that is kept.
+    ///
+    /// # Panics
+    /// As [`Self::pose`].
+    pub fn pose_into(&self, locals: &[Transform], pose: &mut Pose) {
         assert_eq!(locals.len(), self.joints.len(), "one local transform per joint");
-        let mut world = vec![Affine::IDENTITY; self.joints.len()];
+        let world = &mut pose.world;
+        world.clear();
+        world.resize(self.joints.len(), Affine::IDENTITY);
         for &id in &self.order {
             let joint = &self.joints[id.index()];
             let local = joint.local_matrix.unwrap_or_else(|| locals[id.index()].to_affine());
             let parent = joint.parent.map_or(self.to_world, |p| world[p.index()]);
             world[id.index()] = parent.after(&local);
         }
-        Pose { world }
     }
 
     /// Children of each joint.

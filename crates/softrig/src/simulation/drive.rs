@@ -1,24 +1,30 @@
 //! Bones to nodes: where a pose puts every node, and how far a body may be moved in one step.
 
-use crate::character::bone_maps;
+use crate::character::bone_map;
 use crate::couple::{Binding, BoneMotion, blend_point, blend_rotation};
 use crate::rig::{Pose, Skeleton};
 use glam::{DQuat, DVec3};
 
 /// A pose of the skeleton, as the motions of the bones.
+#[derive(Default)]
 pub(super) struct Drive {
     pub motions: Vec<BoneMotion>,
 }
 
 impl Drive {
     pub fn new(skeleton: &Skeleton, binding: &Binding, pose: &Pose) -> Self {
-        let maps = bone_maps(skeleton, pose);
-        let motions = binding
-            .bones
-            .iter()
-            .map(|b| BoneMotion::new(&maps[b.joint.index()], skeleton.joint(b.joint).rest.translation))
-            .collect();
-        Self { motions }
+        let mut drive = Self::default();
+        drive.set(skeleton, binding, pose);
+        drive
+    }
+
+    /// Takes another pose; the memory is kept.
+    pub fn set(&mut self, skeleton: &Skeleton, binding: &Binding, pose: &Pose) {
+        self.motions.clear();
+        self.motions.extend(binding.bones.iter().map(|b| {
+            let joint = skeleton.joint(b.joint);
+            BoneMotion::new(&bone_map(joint, &pose.world[b.joint.index()]), joint.rest.translation)
+        }));
     }
 
     /// Where blended skinning puts node `n`, resting at `rest` [m].

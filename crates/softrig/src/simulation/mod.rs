@@ -22,7 +22,7 @@ use crate::frame::Frame;
 use crate::integrate::{Dynamics, Implicit, Integrator, Scheme, State, StepError, StepInput, StepOutput};
 use crate::material::MaterialMap;
 use crate::mesh::{self, VolumeMesh};
-use crate::rig::{Pose, Skeleton};
+use crate::rig::{Pose, Skeleton, Transform};
 use drive::Drive;
 use glam::DVec3;
 use skin::SkinCarrier;
@@ -67,8 +67,19 @@ pub struct Simulation<R> {
     output: StepOutput<R>,
     joint_force: Vec<[f64; 3]>,
     scratch: Scratch<R>,
+    course: Course,
     /// Largest move of a bound node in the last frame [m]: tells a teleport from a fast motion.
     last_move: Option<f64>,
+}
+
+/// The poses of a frame, kept for the next one.
+#[derive(Default)]
+struct Course {
+    from: Drive,
+    to: Drive,
+    locals: Vec<Transform>,
+    now: Pose,
+    end: Pose,
 }
 
 struct Scratch<R> {
@@ -119,6 +130,7 @@ impl<R: Scalar> Simulation<R> {
             pose,
             output: StepOutput { reaction: zero.clone(), ..StepOutput::default() },
             joint_force: vec![[0.0; 3]; character.skeleton.joint_count()],
+            course: Course::default(),
             scratch: Scratch {
                 before: State::at_rest(Vec::new()),
                 history: Vec::new(),
@@ -208,41 +220,51 @@ impl<R: Scalar> Simulation<R> {
         if !(dt > 0.0 && dt.is_finite()) {
             return Err(StepError::Unsupported(format!("a step from {t0} s to {time} s: time must advance")));
         }
+        // memory of the last frame: advancing takes none of its own
+        let mut course = std::mem::take(&mut self.course);
+        let result = self.advance_along(&mut course, motion, time);
+        self.course = course;
+        result
+    }
+
+    fn advance_along(&mut self, c: &mut Course, motion: &dyn Motion, time: f64) -> Result<FrameReport, StepError> {
+        let t0 = self.state.time;
+        let dt = time - t0;
         let mut report = FrameReport::default();
-        let from = self.drive(&self.pose);
-        let to_pose = motion.pose(time);
-        let to = self.drive(&to_pose);
+        c.from.set(&self.skeleton, &self.binding, &self.pose);
+        motion.pose_into(time, &mut c.locals, &mut c.end);
+        c.to.set(&self.skeleton, &self.binding, &c.end);
         let rest = &self.body.mesh.nodes;
-        let moved = from.largest_move(&to, &self.binding, rest);
+        let moved = c.from.largest_move(&c.to, &self.binding, rest);
         if moved > TELEPORT_SHARE * self.height {
-            let next = to.largest_move(&self.drive(&motion.pose(time + dt)), &self.binding, rest);
+            let next = c.to.largest_move(&self.drive(&motion.pose(time + dt)), &self.binding, rest);
             let around = self.last_move.map_or(next, |last| last.max(next));
             if moved > TELEPORT_RATIO * around {
-                self.carry_over(&from, &to, &self.drive(&motion.pose(time + START_LOOK)));
+                self.carry_over(&c.from, &c.to, &self.drive(&motion.pose(time + START_LOOK)));
                 self.state.time = time;
-                self.pose = to_pose;
+                std::mem::swap(&mut self.pose, &mut c.end);
                 self.last_move = None;
-                self.collect_joint_force(&to);
+                self.collect_joint_force(&c.to);
                 report.teleported = true;
                 return Ok(report);
             }
         }
-        report.substeps = self.substeps(&from, &to, moved, dt);
+        report.substeps = self.substeps(&c.from, &c.to, moved, dt);
         self.remember();
-        let mut drive = from;
         for s in 1..=report.substeps {
             let t = if s == report.substeps { time } else { t0 + dt * s as f64 / report.substeps as f64 };
-            drive = self.drive(&motion.pose(t));
+            motion.pose_into(t, &mut c.locals, &mut c.now);
+            c.to.set(&self.skeleton, &self.binding, &c.now);
             let step = t - self.state.time;
-            if let Err(e) = self.step(&drive, step, None, &mut report) {
+            if let Err(e) = self.step(&c.to, step, None, &mut report) {
                 self.go_back();
                 return Err(e);
             }
             self.state.time = t;
         }
-        self.pose = to_pose;
+        std::mem::swap(&mut self.pose, &mut c.end);
         self.last_move = Some(moved);
-        self.collect_joint_force(&drive);
+        self.collect_joint_force(&c.to);
         Ok(report)
     }
 

@@ -1,11 +1,16 @@
 //! What drives the bones: a pose for every time.
 
-use crate::rig::{Clip, Pose, Skeleton};
+use crate::rig::{Clip, Pose, Skeleton, Transform};
 
 /// Gives the pose of the skeleton at any time.
 pub trait Motion: Sync {
     /// World frames of all joints at `time` [s] since the first frame.
     fn pose(&self, time: f64) -> Pose;
+
+    /// As [`Self::pose`], into a pose that is kept; `locals` is scratch memory.
+    fn pose_into(&self, time: f64, _locals: &mut Vec<Transform>, pose: &mut Pose) {
+        *pose = self.pose(time);
+    }
 }
 
 /// A clip, played from its first key.
@@ -47,6 +52,15 @@ impl Motion for ClipMotion<'_> {
             Some(clip) => self.skeleton.pose(&clip.sample(self.skeleton, clip.start + time * self.speed)),
             None => self.skeleton.pose(&self.skeleton.rest_locals()),
         }
+    }
+
+    fn pose_into(&self, time: f64, locals: &mut Vec<Transform>, pose: &mut Pose) {
+        let Some(clip) = self.clip else {
+            *pose = self.pose(time);
+            return;
+        };
+        clip.sample_into(self.skeleton, clip.start + time * self.speed, locals);
+        self.skeleton.pose_into(locals, pose);
     }
 }
 

@@ -14,7 +14,7 @@ use crate::ui::{self, Progress};
 use softrig::frame::FrameSink;
 use softrig::material::MaterialMap;
 use softrig::mesh::components;
-use softrig::rig::{Clip, Pose};
+use softrig::rig::{Clip, Pose, Transform};
 use softrig::simulation::{Checkpoint, ClipMotion, Motion, Simulation};
 use softrig_io::export::{self, ExportError, ExportReport, Format};
 use softrig_io::journal::{
@@ -50,6 +50,10 @@ struct Window<'a> {
 impl Motion for Window<'_> {
     fn pose(&self, time: f64) -> Pose {
         self.motion.pose(time + self.offset)
+    }
+
+    fn pose_into(&self, time: f64, locals: &mut Vec<Transform>, pose: &mut Pose) {
+        self.motion.pose_into(time + self.offset, locals, pose);
     }
 }
 
