@@ -33,6 +33,8 @@ pub fn run(args: &DemoArgs) -> Outcome {
     scene.motion.clip = Some(args.clip.clone());
     // there is a skull in it: a face of flesh alone slides about when the character lands
     scene.bone.push(Bone { joint: "head".into(), whole: true, ..Bone::default() });
+    // its flesh survives its own clips as it is, and shall swing
+    scene.simulation.stiffen = false;
     let character = load::scene_character(&scene)?;
     let clips = bake::clips(&scene, &character)?;
     std::fs::create_dir_all(folder).map_err(|e| Failure::writing(folder, &e))?;
