@@ -105,13 +105,13 @@ pub struct BakeReport {
     pub notes: Vec<String>,
 }
 
-/// Most memory the process had in use [MiB]; 0 where the system does not tell.
+/// Most memory the process had in use so far [MiB], from Linux's status file; `None` where the system does not tell.
 #[must_use]
-pub fn peak_rss_mib() -> f64 {
-    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
-    let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:"));
-    let kib = line.and_then(|l| l.trim().trim_end_matches("kB").trim().parse::<f64>().ok());
-    kib.unwrap_or(0.0) / 1024.0
+pub fn peak_rss_mib() -> Option<f64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:"))?;
+    let kib: f64 = line.split_whitespace().next()?.parse().ok()?;
+    Some(kib / 1024.0)
 }
 
 /// The `fraction` quantile of `values` by nearest rank; 0 without values.

@@ -46,8 +46,8 @@ impl<R: Scalar> CubeMatrix<R> {
     }
 }
 
-/// Corner signs in VTK order.
-pub(crate) const CORNER: [[f64; 3]; 8] = [
+/// Signs of the corners of a hexahedron in VTK order.
+pub const CORNER: [[f64; 3]; 8] = [
     [-1.0, -1.0, -1.0],
     [1.0, -1.0, -1.0],
     [1.0, 1.0, -1.0],

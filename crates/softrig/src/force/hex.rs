@@ -11,23 +11,11 @@
 use super::assembly::Increment;
 use super::polar::{eigen_symmetric, polar, rotation, symmetric};
 use super::tet::{BLOCK, gather, load, load_q, store};
-use softrig_linalg::cubes;
+use softrig_linalg::cubes::{self, CORNER};
 use softrig_linalg::{Kernel, Lane, Mat3, Scalar, Vec3, Wide};
 
 /// Eigenvalues of tr(S) I − S below this are left out of the exact gradient: 2 at rest, 0 where the rotation is undetermined.
 const SINGULAR: f64 = 0.05;
-
-/// Corner signs in VTK order.
-const CORNER: [[f64; 3]; 8] = [
-    [-1.0, -1.0, -1.0],
-    [1.0, -1.0, -1.0],
-    [1.0, 1.0, -1.0],
-    [-1.0, 1.0, -1.0],
-    [-1.0, -1.0, 1.0],
-    [1.0, -1.0, 1.0],
-    [1.0, 1.0, 1.0],
-    [-1.0, 1.0, 1.0],
-];
 
 /// One point of a quadrature over a cell.
 #[derive(Clone, Debug)]

@@ -14,7 +14,7 @@ pub(super) struct StepSystem<'a, R> {
 }
 
 impl<'a, R: Scalar> StepSystem<'a, R> {
-    /// The system of a step with the given vd and ad; `matrix` and `cubes` are written when they are wanted.
+    /// The system of a step with the given vd and ad; `matrix` is written when it is wanted.
     pub fn new(
         body: &'a mut Body<R>,
         factors: (f64, f64),
@@ -22,8 +22,14 @@ impl<'a, R: Scalar> StepSystem<'a, R> {
         cubes: Option<&'a mut CubeMatrix<R>>,
     ) -> Self {
         let factors = (R::from_f64(factors.0), R::from_f64(factors.1));
-        let mut system = Self { body, factors, matrix, cubes, assembled: false };
-        system.fill_cubes();
+        let mut system = Self { body, factors, matrix, cubes: None, assembled: false };
+        if let Some(cubes) = cubes {
+            system.body.model.cubes(factors.0, system.body.stiffness_damping, cubes);
+            for i in 0..cubes.diagonal.len() {
+                cubes.diagonal[i] = system.on_diagonal(i);
+            }
+            system.cubes = Some(cubes);
+        }
         system
     }
 
@@ -32,15 +38,6 @@ impl<'a, R: Scalar> StepSystem<'a, R> {
         let ((vd, ad), body) = (self.factors, &self.body);
         let drag = vd * (body.drag[i] + body.mass_damping * body.mass[i]);
         if body.consistent_mass.is_none() { drag + ad * body.mass[i] } else { drag }
-    }
-
-    fn fill_cubes(&mut self) {
-        let Some(cubes) = self.cubes.take() else { return };
-        self.body.model.cubes(self.factors.0, self.body.stiffness_damping, cubes);
-        for i in 0..cubes.diagonal.len() {
-            cubes.diagonal[i] = self.on_diagonal(i);
-        }
-        self.cubes = Some(cubes);
     }
 }
 

@@ -252,9 +252,14 @@ impl<R: Scalar> Simulation<R> {
         report.substeps = self.substeps(&c.from, &c.to, moved, dt);
         self.remember();
         for s in 1..=report.substeps {
-            let t = if s == report.substeps { time } else { t0 + dt * s as f64 / report.substeps as f64 };
-            motion.pose_into(t, &mut c.locals, &mut c.now);
-            c.to.set(&self.skeleton, &self.binding, &c.now);
+            let mut t = time;
+            if s < report.substeps {
+                t = t0 + dt * s as f64 / report.substeps as f64;
+                motion.pose_into(t, &mut c.locals, &mut c.now);
+                c.to.set(&self.skeleton, &self.binding, &c.now);
+            } else {
+                c.to.set(&self.skeleton, &self.binding, &c.end);
+            }
             let step = t - self.state.time;
             if let Err(e) = self.step(&c.to, step, None, &mut report) {
                 self.go_back();

@@ -166,7 +166,7 @@ fn bake<R: Scalar>(job: &Job<'_>, forces: Option<&mut Forces>) -> Result<BakeRep
         threads: rayon::current_num_threads(),
         stiffened_max: stiffened.factor,
         morph_error_max: exported.morphs.as_ref().map(|m| m.error),
-        peak_rss_mib: peak_rss_mib(),
+        peak_rss_mib: peak_rss_mib().unwrap_or(0.0),
         setup_seconds: setup.as_secs_f64(),
         total_seconds: (prepared.took + begun.elapsed()).as_secs_f64(),
         state_hash: format!("{state_hash:016x}"),

@@ -3,6 +3,7 @@
 use super::body::BenchBody;
 use super::stages::{Clocks, TimedModel, TimedSolver};
 use crate::failure::Failure;
+use crate::report::peak_rss_mib;
 use serde::Serialize;
 use softrig::body::Body;
 use softrig::force::ElasticModel;
@@ -151,7 +152,7 @@ fn run<R: Scalar>(bench: BenchBody, solver: SolverKind, threads: usize) -> Resul
         iterations: iterations[iterations.len() / 2],
         residual,
         stages: Stages { force_ms, matrix_ms, solve_ms, other_ms },
-        peak_rss_mib: peak_rss_mib(),
+        peak_rss_mib: peak_rss_mib().map(|mib| (10.0 * mib).round() / 10.0),
         tip_displacement_m,
         state_hash: hash(&state.position),
     })
@@ -175,14 +176,6 @@ fn hash<R: Scalar>(position: &[[R; 3]]) -> String {
         hasher.write(&x.bits().to_le_bytes());
     }
     format!("{:016x}", hasher.finish())
-}
-
-/// The high-water mark of this process's memory, from Linux's status file.
-fn peak_rss_mib() -> Option<f64> {
-    let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:"))?;
-    let kib: f64 = line.split_whitespace().next()?.parse().ok()?;
-    Some((kib / 102.4).round() / 10.0)
 }
 
 #[cfg(test)]
