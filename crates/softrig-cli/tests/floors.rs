@@ -243,6 +243,9 @@ fn what_goes_up_is_found() {
     assert_eq!(of("softrig", "couple/mod.rs", "use crate::{mesh, rig}; use softrig_linalg::Scalar;"), 0);
     assert_eq!(of("softrig", "couple/mod.rs", "use softrig_io::import;"), 1);
     assert_eq!(of("softrig_io", "lib.rs", "use softrig_render::picture;"), 1);
+    assert_eq!(of("softrig", "integrate/mod.rs", "use softrig_explicit::scheme::Scheme;"), 1);
+    assert_eq!(of("softrig_explicit", "stepper.rs", "use softrig::integrate::State;"), 0);
+    assert_eq!(of("softrig_explicit", "stepper.rs", "use softrig_io::journal;"), 1);
     assert_eq!(of("softrig_linalg", "lib.rs", "use softrig::mesh; unsafe {}"), 1);
     assert_eq!(of("softrig_cli", "lib.rs", "unsafe {}"), 1);
     let quiet = "// crate::rig unsafe\n/* unsafe */ const A: &str = \"unsafe \\\" crate::rig\"; const B: &str = r#\"unsafe\"#; const C: char = '\"';";

@@ -1,0 +1,577 @@
+//! The constraints of a body, switched on and off while it moves.
+
+use super::{Constraint, ConstraintError, ConstraintId, Surface, SurfaceId};
+use crate::scheme::{Gain, Scheme};
+use softrig::integrate::State;
+use softrig_linalg::Scalar;
+
+/// Weights may miss the sum 1 by this much.
+const WEIGHT_SLACK: f64 = 1e-9;
+
+#[derive(Clone, Debug)]
+struct Slot {
+    constraint: Constraint,
+    active: bool,
+    /// Steps until the whole force acts, and how many of them are done.
+    ramp: (u32, u32),
+}
+
+/// Constraints on the nodes of one body (or of several that are stepped together).
+#[derive(Clone, Debug)]
+pub struct Constraints {
+    node_count: usize,
+    slots: Vec<Option<Slot>>,
+    /// Number + 1 of the active constraint that holds each node.
+    holder: Vec<u32>,
+    surfaces: Vec<Surface>,
+    plan: Plan,
+    stale: bool,
+    force: Vec<[f64; 3]>,
+    /// Nodes of the carriers that slides took in the last step: their forces are to be cleared.
+    slid: Vec<u32>,
+}
+
+/// The active constraints, one flat list per kind.
+#[derive(Clone, Debug, Default)]
+struct Plan {
+    nails: Vec<(u32, u32, [f64; 3])>,
+    velocities: Vec<(u32, u32, [f64; 3])>,
+    pairs: Vec<(u32, [u32; 2])>,
+    groups: Vec<(u32, Vec<u32>)>,
+    carried: Vec<Carried>,
+    slides: Vec<(u32, u32, u32)>,
+    /// Some constraint has not reached its whole force.
+    ramps: bool,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Carried {
+    id: u32,
+    node: u32,
+    count: u32,
+    carriers: [u32; 4],
+    weights: [f64; 4],
+}
+
+impl Constraints {
+    /// No constraints, for a body of so many nodes.
+    #[must_use]
+    pub fn new(node_count: usize) -> Self {
+        Self {
+            node_count,
+            slots: Vec::new(),
+            holder: vec![0; node_count],
+            surfaces: Vec::new(),
+            plan: Plan::default(),
+            stale: false,
+            force: vec![[0.0; 3]; node_count],
+            slid: Vec::new(),
+        }
+    }
+
+    /// Adds a surface for nodes to slide on.
+    ///
+    /// # Errors
+    /// As [`Surface::new`].
+    pub fn add_surface(&mut self, triangles: Vec<[u32; 3]>) -> Result<SurfaceId, ConstraintError> {
+        self.surfaces.push(Surface::new(triangles, self.node_count)?);
+        Ok(SurfaceId(self.surfaces.len() as u32 - 1))
+    }
+
+    /// Adds a constraint; it acts from the next step on.
+    ///
+    /// # Errors
+    /// [`ConstraintError`] when it is no constraint of this body, or when an active one holds one of its nodes.
+    pub fn add(&mut self, constraint: Constraint) -> Result<ConstraintId, ConstraintError> {
+        let id = self.slots.len() as u32;
+        self.check(id, &constraint)?;
+        self.claim(id, &constraint)?;
+        self.slots.push(Some(Slot { constraint, active: true, ramp: (0, 0) }));
+        self.stale = true;
+        Ok(ConstraintId(id))
+    }
+
+    /// Adds a constraint that is switched off; its nodes may be those of others.
+    ///
+    /// # Errors
+    /// [`ConstraintError`] when it is no constraint of this body.
+    pub fn add_inactive(&mut self, constraint: Constraint) -> Result<ConstraintId, ConstraintError> {
+        let id = self.slots.len() as u32;
+        self.check(id, &constraint)?;
+        self.slots.push(Some(Slot { constraint, active: false, ramp: (0, 0) }));
+        Ok(ConstraintId(id))
+    }
+
+    /// Takes a constraint away; its number is not given again.
+    ///
+    /// # Errors
+    /// [`ConstraintError::Unknown`].
+    pub fn remove(&mut self, id: ConstraintId) -> Result<(), ConstraintError> {
+        self.set_active(id, false)?;
+        self.slots[id.0 as usize] = None;
+        Ok(())
+    }
+
+    /// Switches a constraint on or off. What is switched on begins its ramp anew.
+    ///
+    /// # Errors
+    /// [`ConstraintError::Conflict`] when another active constraint holds one of its nodes, [`ConstraintError::Unknown`].
+    pub fn set_active(&mut self, id: ConstraintId, active: bool) -> Result<(), ConstraintError> {
+        let slot = self.slot(id)?;
+        if slot.active == active {
+            return Ok(());
+        }
+        let constraint = slot.constraint.clone();
+        if active {
+            self.claim(id.0, &constraint)?;
+        } else {
+            constraint.nodes().iter().for_each(|n| self.holder[*n as usize] = 0);
+        }
+        let slot = self.slots[id.0 as usize].as_mut().expect("it was found above");
+        slot.active = active;
+        slot.ramp.1 = 0;
+        self.stale = true;
+        Ok(())
+    }
+
+    /// Lets a constraint's force grow over `steps` steps: j/n of it in step j, all of it from step n on [Gissler2006 §4.5]. For
+    /// parts that assemble themselves from far away. The constraint is met exactly once the ramp is over.
+    ///
+    /// # Errors
+    /// [`ConstraintError::Unknown`].
+    pub fn ramp(&mut self, id: ConstraintId, steps: u32) -> Result<(), ConstraintError> {
+        self.slot(id)?;
+        let slot = self.slots[id.0 as usize].as_mut().expect("it was found above");
+        slot.ramp = (steps, 0);
+        self.plan.ramps |= steps > 1;
+        Ok(())
+    }
+
+    /// Moves a nail [m], or changes a prescribed velocity [m/s].
+    ///
+    /// # Errors
+    /// [`ConstraintError::Unknown`], [`ConstraintError::NoGoal`], [`ConstraintError::NotFinite`].
+    pub fn set_goal(&mut self, id: ConstraintId, to: [f64; 3]) -> Result<(), ConstraintError> {
+        let kind = self.slot(id)?.constraint.kind();
+        if !to.iter().all(|x| x.is_finite()) {
+            return Err(ConstraintError::NotFinite { kind, id: id.0, goal: to });
+        }
+        let slot = self.slots[id.0 as usize].as_mut().expect("it was found above");
+        let (Constraint::Nail { goal, .. } | Constraint::Velocity { goal, .. }) = &mut slot.constraint else {
+            return Err(ConstraintError::NoGoal { kind, id: id.0 });
+        };
+        *goal = to;
+        // lists are in the order of the numbers
+        for list in [&mut self.plan.nails, &mut self.plan.velocities] {
+            if let Ok(at) = list.binary_search_by_key(&id.0, |l| l.0) {
+                list[at].2 = to;
+            }
+        }
+        Ok(())
+    }
+
+    /// The constraint of this number.
+    ///
+    /// # Errors
+    /// [`ConstraintError::Unknown`].
+    pub fn get(&self, id: ConstraintId) -> Result<&Constraint, ConstraintError> {
+        Ok(&self.slot(id)?.constraint)
+    }
+
+    /// Is it switched on?
+    ///
+    /// # Errors
+    /// [`ConstraintError::Unknown`].
+    pub fn is_active(&self, id: ConstraintId) -> Result<bool, ConstraintError> {
+        Ok(self.slot(id)?.active)
+    }
+
+    /// How many are switched on.
+    #[must_use]
+    pub fn active_count(&self) -> usize {
+        self.slots.iter().flatten().filter(|s| s.active).count()
+    }
+
+    /// A surface.
+    ///
+    /// # Errors
+    /// [`ConstraintError::Unknown`].
+    pub fn surface(&self, id: SurfaceId) -> Result<&Surface, ConstraintError> {
+        self.surfaces.get(id.0 as usize).ok_or(ConstraintError::Unknown { what: "surface", id: id.0 })
+    }
+
+    /// Constraint force on every node in the last step [N]; zero where no constraint acts.
+    #[must_use]
+    pub fn force(&self) -> &[[f64; 3]] {
+        &self.force
+    }
+
+    fn slot(&self, id: ConstraintId) -> Result<&Slot, ConstraintError> {
+        let slot = self.slots.get(id.0 as usize).and_then(Option::as_ref);
+        slot.ok_or(ConstraintError::Unknown { what: "constraint", id: id.0 })
+    }
+
+    fn check(&self, id: u32, constraint: &Constraint) -> Result<(), ConstraintError> {
+        let kind = constraint.kind();
+        let mut nodes = constraint.nodes();
+        let node_count = self.node_count;
+        if let Some(node) = nodes.iter().copied().find(|n| *n as usize >= node_count) {
+            return Err(ConstraintError::MissingNode { kind, id, node, node_count });
+        }
+        if let Constraint::PointToSurface { node, surface } = constraint
+            && self.surface(*surface)?.triangles().iter().flatten().any(|n| n == node)
+        {
+            return Err(ConstraintError::RepeatedNode { kind, id, node: *node });
+        }
+        if matches!(constraint, Constraint::PointsToPoint { .. }) && nodes.len() < 2 {
+            return Err(ConstraintError::TooFewNodes { id, found: nodes.len() });
+        }
+        nodes.sort_unstable();
+        if let Some(pair) = nodes.windows(2).find(|p| p[0] == p[1]) {
+            return Err(ConstraintError::RepeatedNode { kind, id, node: pair[0] });
+        }
+        let weights = constraint.weights();
+        let inside = weights.iter().all(|w| (0.0..=1.0).contains(w));
+        let whole = weights.is_empty() || (weights.iter().sum::<f64>() - 1.0).abs() <= WEIGHT_SLACK;
+        if !inside || !whole {
+            return Err(ConstraintError::Weights { kind, id, weights: weights.to_vec() });
+        }
+        if let Constraint::Nail { goal, .. } | Constraint::Velocity { goal, .. } = constraint
+            && !goal.iter().all(|x| x.is_finite())
+        {
+            return Err(ConstraintError::NotFinite { kind, id, goal: *goal });
+        }
+        Ok(())
+    }
+
+    fn claim(&mut self, id: u32, constraint: &Constraint) -> Result<(), ConstraintError> {
+        let nodes = constraint.nodes();
+        for &node in &nodes {
+            let holder = self.holder[node as usize];
+            if holder != 0 {
+                return Err(self.conflict(node, holder - 1, constraint.kind(), id));
+            }
+        }
+        nodes.iter().for_each(|n| self.holder[*n as usize] = id + 1);
+        Ok(())
+    }
+
+    fn conflict(&self, node: u32, first: u32, second_kind: &'static str, second: u32) -> ConstraintError {
+        let first_kind = self.slots[first as usize].as_ref().map_or("", |s| s.constraint.kind());
+        ConstraintError::Conflict { node, first_kind, first, second_kind, second }
+    }
+
+    fn replan(&mut self) {
+        let plan = &mut self.plan;
+        *plan = Plan::default();
+        for (id, slot) in self.slots.iter().enumerate().filter_map(|(i, s)| Some((i as u32, s.as_ref()?))) {
+            if !slot.active {
+                continue;
+            }
+            plan.ramps |= slot.ramp.1 < slot.ramp.0;
+            let mut carried = |node: u32, carriers: &[u32], weights: &[f64]| {
+                let mut c = Carried { id, node, count: carriers.len() as u32, carriers: [node; 4], weights: [0.0; 4] };
+                c.carriers[..carriers.len()].copy_from_slice(carriers);
+                c.weights[..weights.len()].copy_from_slice(weights);
+                plan.carried.push(c);
+            };
+            match &slot.constraint {
+                Constraint::Nail { node, goal } => plan.nails.push((id, *node, *goal)),
+                Constraint::Velocity { node, goal } => plan.velocities.push((id, *node, *goal)),
+                Constraint::PointsToPoint { nodes } if nodes.len() == 2 => plan.pairs.push((id, [nodes[0], nodes[1]])),
+                Constraint::PointsToPoint { nodes } => plan.groups.push((id, nodes.clone())),
+                Constraint::PointToLine { node, carriers, weights } => carried(*node, carriers, weights),
+                Constraint::PointToTriangle { node, carriers, weights } => carried(*node, carriers, weights),
+                Constraint::PointToTetrahedron { node, carriers, weights } => carried(*node, carriers, weights),
+                Constraint::PointToSurface { node, surface } => plan.slides.push((id, *node, surface.0)),
+            }
+        }
+        self.force.fill([0.0; 3]);
+        self.slid.clear();
+        self.stale = false;
+    }
+
+    /// Moves `next`, the unconstrained result of a step, to where all active constraints are met. Call [`Self::advance`] when the
+    /// step is accepted.
+    ///
+    /// # Errors
+    /// [`ConstraintError`] when the scheme cannot enforce a constraint, when slides meet other constraints, or when nothing of
+    /// a constraint can be moved; `next` is of no use then.
+    pub fn enforce<R: Scalar>(
+        &mut self,
+        scheme: Scheme,
+        dt: f64,
+        inverse_mass: &[R],
+        next: &mut State<R>,
+    ) -> Result<(), ConstraintError> {
+        if inverse_mass.len() != self.node_count {
+            return Err(ConstraintError::NodeCount { expected: self.node_count, found: inverse_mass.len() });
+        }
+        if self.stale {
+            self.replan();
+        }
+        self.supported(scheme)?;
+        let mut work = Work {
+            unit: scheme.gain(1.0, dt),
+            inverse_mass,
+            next,
+            force: &mut self.force,
+            slots: if self.plan.ramps { Some(&self.slots) } else { None },
+        };
+        for &(id, node, goal) in &self.plan.nails {
+            work.move_to(id, node as usize, goal);
+        }
+        for &(id, [a, b]) in &self.plan.pairs {
+            work.pair(id, a as usize, b as usize)?;
+        }
+        for (id, nodes) in &self.plan.groups {
+            work.group(*id, nodes)?;
+        }
+        for c in &self.plan.carried {
+            work.carried(c)?;
+        }
+        for &(id, node, goal) in &self.plan.velocities {
+            work.velocity(id, node as usize, goal);
+        }
+        if !self.plan.slides.is_empty() {
+            self.slide(scheme, dt, inverse_mass, next)?;
+        }
+        Ok(())
+    }
+
+    /// Counts a step of all ramps.
+    pub fn advance(&mut self) {
+        if !self.plan.ramps {
+            return;
+        }
+        self.plan.ramps = false;
+        for slot in self.slots.iter_mut().flatten().filter(|s| s.active && s.ramp.1 < s.ramp.0) {
+            slot.ramp.1 += 1;
+            self.plan.ramps |= slot.ramp.1 < slot.ramp.0;
+        }
+    }
+
+    fn supported(&self, scheme: Scheme) -> Result<(), ConstraintError> {
+        if scheme.gain(1.0, 1.0).position != 0.0 {
+            return Ok(());
+        }
+        let p = &self.plan;
+        let first = [
+            p.nails.first().map(|n| n.0),
+            p.pairs.first().map(|n| n.0),
+            p.groups.first().map(|n| n.0),
+            p.carried.first().map(|n| n.id),
+            p.slides.first().map(|n| n.0),
+        ];
+        match first.into_iter().flatten().min() {
+            None => Ok(()),
+            Some(id) => {
+                let kind = self.slots[id as usize].as_ref().map_or("", |s| s.constraint.kind());
+                Err(ConstraintError::Unsupported { scheme: scheme.name(), kind, id })
+            }
+        }
+    }
+
+    fn slide<R: Scalar>(
+        &mut self,
+        scheme: Scheme,
+        dt: f64,
+        inverse_mass: &[R],
+        next: &mut State<R>,
+    ) -> Result<(), ConstraintError> {
+        for n in self.slid.drain(..) {
+            self.force[n as usize] = [0.0; 3];
+        }
+        // all triangles are found before any node moves
+        let mut found = Vec::with_capacity(self.plan.slides.len());
+        let at = |n: u32| next.position[n as usize].map(Scalar::to_f64);
+        let mut fitted = vec![false; self.surfaces.len()];
+        for &(id, node, surface) in &self.plan.slides {
+            let s = &mut self.surfaces[surface as usize];
+            if !std::mem::replace(&mut fitted[surface as usize], true) {
+                s.fit(&at);
+            }
+            let Some(c) = s.closest(at(node), &at) else { continue };
+            let [a, b, d] = c.nodes;
+            let w = c.weights;
+            found.push(Carried { id, node, count: 3, carriers: [a, b, d, node], weights: [w[0], w[1], w[2], 0.0] });
+        }
+        for (k, c) in found.iter().enumerate() {
+            let kind = "point-to-surface";
+            for (i, &n) in c.carriers[..3].iter().enumerate() {
+                if c.weights[i] == 0.0 {
+                    continue;
+                }
+                if self.holder[n as usize] != 0 {
+                    return Err(self.conflict(n, self.holder[n as usize] - 1, kind, c.id));
+                }
+                let other = found[..k].iter().find(|o| (0..3).any(|j| o.carriers[j] == n && o.weights[j] != 0.0));
+                if let Some(other) = other {
+                    return Err(self.conflict(n, other.id, kind, c.id));
+                }
+            }
+        }
+        let mut work = Work {
+            unit: scheme.gain(1.0, dt),
+            inverse_mass,
+            next,
+            force: &mut self.force,
+            slots: if self.plan.ramps { Some(&self.slots) } else { None },
+        };
+        for c in &found {
+            work.carried(c)?;
+            self.slid.extend(&c.carriers[..3]);
+        }
+        Ok(())
+    }
+}
+
+/// A step's result while it is moved.
+struct Work<'a, R> {
+    /// Gain of a unit mass: that of a node is its inverse mass times this, for every scheme.
+    unit: Gain,
+    inverse_mass: &'a [R],
+    next: &'a mut State<R>,
+    force: &'a mut [[f64; 3]],
+    /// Present while some ramp runs.
+    slots: Option<&'a [Option<Slot>]>,
+}
+
+impl<R: Scalar> Work<'_, R> {
+    #[inline]
+    fn at(&self, node: usize) -> [f64; 3] {
+        self.next.position[node].map(Scalar::to_f64)
+    }
+
+    #[inline]
+    fn weight(&self, node: usize) -> f64 {
+        self.inverse_mass[node].to_f64()
+    }
+
+    /// Part of the force that acts in this step.
+    #[inline]
+    fn share(&self, id: u32) -> f64 {
+        let Some(slots) = self.slots else { return 1.0 };
+        let Some(slot) = &slots[id as usize] else { return 1.0 };
+        let (steps, done) = slot.ramp;
+        if done + 1 >= steps { 1.0 } else { f64::from(done + 1) / f64::from(steps) }
+    }
+
+    /// Puts a node to `goal`, with the force that takes.
+    #[inline]
+    fn move_to(&mut self, id: u32, node: usize, goal: [f64; 3]) {
+        let share = self.share(id);
+        let x = self.at(node);
+        let mut delta = [0.0; 3];
+        for k in 0..3 {
+            delta[k] = share * (goal[k] - x[k]);
+        }
+        self.add(node, delta);
+        if share == 1.0 {
+            // not merely to rounding
+            self.next.position[node] = goal.map(R::from_f64);
+        }
+    }
+
+    /// Moves a node by c F = `delta`.
+    #[inline]
+    fn add(&mut self, node: usize, delta: [f64; 3]) {
+        let w = self.weight(node);
+        let per_unit = 1.0 / self.unit.position;
+        let mass = if w > 0.0 { 1.0 / w } else { 0.0 };
+        for k in 0..3 {
+            let a = delta[k] * per_unit;
+            self.force[node][k] = a * mass;
+            let x = self.next.position[node][k].to_f64() + delta[k];
+            self.next.position[node][k] = R::from_f64(x);
+            if w > 0.0 {
+                let v = self.next.velocity[node][k].to_f64() + a * self.unit.velocity;
+                self.next.velocity[node][k] = R::from_f64(v);
+                self.next.acceleration[node][k] += R::from_f64(a);
+            }
+        }
+    }
+
+    #[inline]
+    fn pair(&mut self, id: u32, i: usize, j: usize) -> Result<(), ConstraintError> {
+        let (wi, wj) = (self.weight(i), self.weight(j));
+        if wi + wj <= 0.0 {
+            return Err(ConstraintError::Immovable { kind: "points-to-point", id });
+        }
+        let (a, b) = (self.at(i), self.at(j));
+        // the heavier node keeps more of its place
+        let t = wi / (wi + wj);
+        let goal = std::array::from_fn(|k| a[k] + t * (b[k] - a[k]));
+        self.move_to(id, i, goal);
+        self.move_to(id, j, goal);
+        Ok(())
+    }
+
+    fn group(&mut self, id: u32, nodes: &[u32]) -> Result<(), ConstraintError> {
+        // a node that nothing moves is where all others go
+        let fixed = |n: &&u32| self.weight(**n as usize) <= 0.0;
+        let goal = if let Some(n) = nodes.iter().find(fixed) {
+            if nodes.iter().filter(fixed).count() > 1 {
+                return Err(ConstraintError::Immovable { kind: "points-to-point", id });
+            }
+            self.at(*n as usize)
+        } else {
+            let origin = self.at(nodes[0] as usize);
+            let (mut sum, mut mass) = ([0.0; 3], 0.0);
+            for &n in nodes {
+                let (m, x) = (1.0 / self.weight(n as usize), self.at(n as usize));
+                mass += m;
+                (0..3).for_each(|k| sum[k] += m * (x[k] - origin[k]));
+            }
+            std::array::from_fn(|k| origin[k] + sum[k] / mass)
+        };
+        nodes.iter().for_each(|n| self.move_to(id, *n as usize, goal));
+        Ok(())
+    }
+
+    fn carried(&mut self, c: &Carried) -> Result<(), ConstraintError> {
+        let count = c.count as usize;
+        let point = self.at(c.node as usize);
+        let (mut gap, mut gain) = ([0.0; 3], self.weight(c.node as usize));
+        for i in 0..count {
+            let (n, a) = (c.carriers[i] as usize, c.weights[i]);
+            let x = self.at(n);
+            gain += self.weight(n) * a * a;
+            (0..3).for_each(|k| gap[k] += a * (x[k] - point[k]));
+        }
+        if gain <= 0.0 {
+            let kind = ["", "", "point-to-line", "point-to-triangle", "point-to-tetrahedron"][count];
+            return Err(ConstraintError::Immovable { kind, id: c.id });
+        }
+        let share = self.share(c.id);
+        // F_0 times the step's unit gain
+        let f = gap.map(|g| share * g / gain);
+        let w = self.weight(c.node as usize);
+        self.add(c.node as usize, f.map(|f| f * w));
+        for i in 0..count {
+            if c.weights[i] != 0.0 {
+                let n = c.carriers[i] as usize;
+                let s = -c.weights[i] * self.weight(n);
+                self.add(n, f.map(|f| f * s));
+            }
+        }
+        Ok(())
+    }
+
+    fn velocity(&mut self, id: u32, node: usize, goal: [f64; 3]) {
+        let w = self.weight(node);
+        if w <= 0.0 {
+            return;
+        }
+        let share = self.share(id);
+        for k in 0..3 {
+            let a = share * (goal[k] - self.next.velocity[node][k].to_f64()) / self.unit.velocity;
+            self.force[node][k] = a / w;
+            let x = self.next.position[node][k].to_f64() + a * self.unit.position;
+            self.next.position[node][k] = R::from_f64(x);
+            self.next.acceleration[node][k] += R::from_f64(a);
+            let v = self.next.velocity[node][k].to_f64() + a * self.unit.velocity;
+            self.next.velocity[node][k] = if share == 1.0 { R::from_f64(goal[k]) } else { R::from_f64(v) };
+        }
+    }
+}

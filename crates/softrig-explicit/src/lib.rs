@@ -1,0 +1,13 @@
+//! The explicit side of softrig: short cheap steps without a linear system, and constraints that hold exactly all the same.
+//!
+//! * [`scheme`] is the one form x' = A s + c F, v' = B s + d F of all time integrators here [Gissler2006 eq. 1]; [`stepper`]
+//!   advances a body with any of them; [`stability`] says how long a step may be.
+//! * [`constraint`] holds nodes on nails, on one another, on lines, triangles, tetrahedra and surfaces [Gissler2006 §4].
+//! * [`mass_point`] are bodies of masses with distance, area and volume energies [Teschner2004].
+//!
+//! All quantities are SI units. Sign: `M a = F(x, v)`, F the sum of everything that acts on a node.
+
+pub mod constraint;
+pub mod scheme;
+pub mod stability;
+pub mod stepper;

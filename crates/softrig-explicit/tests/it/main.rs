@@ -1,0 +1,7 @@
+//! Integration tests of the explicit side, one binary: a module per topic.
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed; helpers count as tests")]
+
+mod constraint;
+#[allow(non_snake_case, reason = "symbols of [Gissler2006]")]
+mod gissler;
+mod order;
