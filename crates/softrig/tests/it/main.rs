@@ -8,3 +8,4 @@ mod couple;
 mod golden;
 mod mesh;
 mod multigrid;
+mod rig;
