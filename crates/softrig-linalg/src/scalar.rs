@@ -1,6 +1,7 @@
 //! The numbers softrig computes with.
 
 use crate::lane::Lane;
+use crate::solver::sliced::{self, SLICE, Step};
 
 mod sealed {
     pub trait Sealed {}
@@ -31,11 +32,32 @@ pub trait Scalar:
     fn transposed(rows: [&[Self; 4]; 4]) -> [[Self; 4]; 4] {
         std::array::from_fn(|c| rows.map(|r| r[c]))
     }
+    /// Sum of blocks times entries of `x`, for eight rows side by side.
+    ///
+    /// # Safety
+    /// Columns are below `x.len()`.
+    #[doc(hidden)]
+    #[inline(always)]
+    unsafe fn slice_times(values: &[Step<Self>], column: &[[u32; SLICE]], x: &[[Self; 4]]) -> [[Self; SLICE]; 3] {
+        // SAFETY: as promised by the caller.
+        unsafe { sliced::slice_times(values, column, x) }
+    }
 }
 
 macro_rules! scalar {
-    ($t:ident, $transposed:ident) => {
+    ($t:ident, $transposed:ident, $slice_times:ident) => {
         impl Scalar for $t {
+            #[cfg(all(target_arch = "x86_64", not(miri)))]
+            #[inline(always)]
+            unsafe fn slice_times(values: &[Step<$t>], column: &[[u32; SLICE]], x: &[[$t; 4]]) -> [[$t; SLICE]; 3] {
+                if is_x86_feature_detected!("avx2") {
+                    // SAFETY: the machine has the instructions; columns are promised by the caller.
+                    unsafe { sliced::$slice_times(values, column, x) }
+                } else {
+                    // SAFETY: as promised by the caller.
+                    unsafe { sliced::slice_times(values, column, x) }
+                }
+            }
             #[cfg(all(target_arch = "x86_64", not(miri)))]
             #[inline(always)]
             fn transposed(rows: [&[Self; 4]; 4]) -> [[Self; 4]; 4] {
@@ -64,8 +86,8 @@ macro_rules! scalar {
         }
     };
 }
-scalar!(f32, transposed_f32);
-scalar!(f64, transposed_f64);
+scalar!(f32, transposed_f32, slice_times_avx2);
+scalar!(f64, transposed_f64, slice_times_avx2_f64);
 
 // compilers take a plain transposition apart into single numbers
 #[cfg(all(target_arch = "x86_64", not(miri)))]

@@ -146,16 +146,7 @@ impl<A: Scalar> FreeCubes<A> {
         self.corner_forces(x);
         let cubes = &*self;
         y.par_chunks_mut(ROWS).enumerate().for_each(|(c, y)| {
-            run_wide::<A, _>(Collect { cubes, x, first: c * ROWS, y, subtract: false });
-        });
-    }
-
-    /// `r -= A x`.
-    pub fn subtract_product(&mut self, x: &[[A; 4]], r: &mut [[A; 4]]) {
-        self.corner_forces(x);
-        let cubes = &*self;
-        r.par_chunks_mut(ROWS).enumerate().for_each(|(c, y)| {
-            run_wide::<A, _>(Collect { cubes, x, first: c * ROWS, y, subtract: true });
+            run_wide::<A, _>(Collect { cubes, x, chunk: c, y });
         });
     }
 
@@ -164,11 +155,27 @@ impl<A: Scalar> FreeCubes<A> {
         self.corner_forces(x);
         let cubes = &*self;
         y.par_chunks_mut(ROWS).zip(partial).enumerate().for_each(|(c, (y, partial))| {
-            partial[0] = run_wide::<A, _>(Collect { cubes, x, first: c * ROWS, y, subtract: false });
+            partial[0] = run_wide::<A, _>(Collect { cubes, x, chunk: c, y });
         });
     }
 
-    fn corner_forces(&mut self, x: &[[A; 4]]) {
+    /// Calls `work(row, product)` for the `rows` rows of chunk `c`, counted from the first of the chunk, with those rows of the
+    /// product with `x`, whose corner forces must be there.
+    #[inline(always)]
+    pub fn for_rows(&self, c: usize, x: &[[A; 4]], rows: usize, mut work: impl FnMut(usize, Wide<A, 4>)) {
+        let force = self.force.as_flattened();
+        for k in 0..rows {
+            let row = c * ROWS + k;
+            let mut sum = Wide(x[row]) * Wide::splat(self.diagonal[row]);
+            for slot in self.slots(row) {
+                sum += Wide(force[*slot as usize]);
+            }
+            work(k, sum);
+        }
+    }
+
+    /// Forces of all cubes on their corners, for [`Self::for_rows`].
+    pub fn corner_forces(&mut self, x: &[[A; 4]]) {
         assert!(x.len() == self.diagonal.len() + 1);
         let tasks = self.blocks.par_chunks(TASK).zip(self.force.par_chunks_mut(TASK * BLOCK));
         tasks.for_each(|(blocks, force)| run_wide::<A, _>(Forces { blocks, x, force }));
@@ -290,31 +297,21 @@ fn lanes<A: Scalar, const W: usize>(from: &[A; BLOCK], first: usize) -> Wide<A, 
 struct Collect<'a, A> {
     cubes: &'a FreeCubes<A>,
     x: &'a [[A; 4]],
-    first: usize,
+    chunk: usize,
     y: &'a mut [[A; 4]],
-    /// Take the sum off what is there.
-    subtract: bool,
 }
 
 impl<A: Scalar> Kernel for Collect<'_, A> {
     type Output = f64;
     #[inline(always)]
     fn run<const W: usize>(self) -> f64 {
-        let force = self.cubes.force.as_flattened();
-        let mut dot = [0.0f64; 4];
-        for (k, y) in self.y.iter_mut().enumerate() {
-            let row = self.first + k;
-            let x = Wide(self.x[row]);
-            let mut sum = x * Wide::splat(self.cubes.diagonal[row]);
-            for slot in self.cubes.slots(row) {
-                sum += Wide(force[*slot as usize]);
-            }
-            *y = if self.subtract { (Wide(*y) - sum).0 } else { sum.0 };
-            for i in 0..4 {
-                dot[i] += sum.0[i].to_f64() * x.0[i].to_f64();
-            }
-        }
-        (dot[0] + dot[1]) + (dot[2] + dot[3])
+        let Self { cubes, x, chunk, y } = self;
+        let mut dot = Wide::<f64, 4>::zero();
+        cubes.for_rows(chunk, x, y.len(), |row, sum| {
+            y[row] = sum.0;
+            dot += Wide(sum.0.map(Scalar::to_f64)) * Wide(x[chunk * ROWS + row].map(Scalar::to_f64));
+        });
+        (dot.0[0] + dot.0[1]) + (dot.0[2] + dot.0[3])
     }
 }
 

@@ -1,16 +1,17 @@
 //! The free part of a system: constrained nodes taken out, free nodes numbered in order.
 
 use super::SolveError;
-use crate::{BlockPattern, DofConstraints, Scalar};
+use super::sliced::Fault;
+use crate::{BlockCsr, BlockPattern, DofConstraints, Scalar};
 
 /// Compressed rows of the free-free blocks. "Free row" is a row of this pattern, "node" one of the whole system.
 #[derive(Debug, Default)]
 pub(super) struct FreePattern {
-    /// Node of each free row, ascending.
+    /// Node of each free row.
     pub node: Vec<u32>,
     /// First block of each free row, and one past the last.
     pub row_start: Vec<u32>,
-    /// Free row of each block's column, ascending within a row.
+    /// Free row of each block's column, in the order of their nodes.
     pub column: Vec<u32>,
     /// Where each block is in the matrix of the whole system.
     pub source: Vec<u32>,
@@ -19,9 +20,14 @@ pub(super) struct FreePattern {
 }
 
 impl FreePattern {
+    /// Free rows in the order of their nodes.
     pub fn new(pattern: &BlockPattern, constraints: &DofConstraints) -> Self {
-        let node: Vec<u32> =
-            (0..pattern.row_count()).filter(|i| !constraints.is_constrained(*i)).map(|i| i as u32).collect();
+        let free = |i: &u32| !constraints.is_constrained(*i as usize);
+        Self::in_order(pattern, (0..pattern.row_count() as u32).filter(free).collect())
+    }
+
+    /// One row for each of `node`, the free ones, in that order.
+    pub fn in_order(pattern: &BlockPattern, node: Vec<u32>) -> Self {
         let mut free_row = vec![u32::MAX; pattern.row_count()];
         for (row, n) in node.iter().enumerate() {
             free_row[*n as usize] = row as u32;
@@ -45,6 +51,22 @@ impl FreePattern {
         free
     }
 
+    /// The blocks of a matrix of the whole system, by their place in this pattern.
+    pub fn block_of<'a, R: Scalar, A: Scalar>(
+        &'a self,
+        matrix: &'a BlockCsr<R>,
+    ) -> impl Fn(usize) -> [A; 9] + Sync + 'a {
+        |k| matrix.values[self.source[k] as usize].map(|v| A::from_f64(v.to_f64()))
+    }
+
+    /// What is wrong with a row, said of its node.
+    pub fn blame(&self, fault: &Fault) -> SolveError {
+        match *fault {
+            Fault::NotFinite { row } => SolveError::NotFinite { node: self.node[row] as usize },
+            Fault::NotPositiveDefinite { row } => SolveError::NotPositiveDefinite { node: self.node[row] as usize },
+        }
+    }
+
     /// The same pattern, for a matrix of its own.
     pub fn clone_structure(&self) -> Self {
         Self {
@@ -58,10 +80,6 @@ impl FreePattern {
 
     pub fn row_count(&self) -> usize {
         self.node.len()
-    }
-
-    pub fn block_count(&self) -> usize {
-        self.column.len()
     }
 
     #[inline(always)]

@@ -7,9 +7,10 @@ mod multigrid;
 mod pcg;
 mod quads;
 mod residual;
+pub(crate) mod sliced;
 
 pub use direct::Direct;
-pub use multigrid::{Interpolation, Multigrid};
+pub use multigrid::{Interpolation, Marking, Multigrid, MultigridSettings, Outer, Rebuild, Smoother};
 pub use pcg::Pcg;
 
 use crate::{BlockCsr, BlockPattern, CubeMatrix, DofConstraints, Scalar};
@@ -79,6 +80,12 @@ pub trait LinearSystem<R> {
     /// The same matrix as a sum of cubes, where it is one: its products cost a fraction of those of the entries.
     fn cubes(&mut self) -> Option<&CubeMatrix<R>> {
         None
+    }
+
+    /// Writes the rotations of the cells the matrix was made with, one quaternion each in whatever order they always have; leaves
+    /// `out` empty where there are none. From them a solver tells how far a matrix has turned since an earlier one.
+    fn rotations(&mut self, out: &mut Vec<[R; 4]>) {
+        out.clear();
     }
 }
 

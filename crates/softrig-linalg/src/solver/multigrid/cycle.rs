@@ -2,10 +2,11 @@
 
 use super::galerkin::{Galerkin, interpolate_add};
 use super::interpolation::Interpolation;
-use super::level::Level;
+use super::level::{Level, order_for};
+use super::settings::MultigridSettings;
 use crate::solver::free::FreePattern;
-use crate::solver::pcg::kernel::Inverse;
 use crate::solver::quads::Quads;
+use crate::solver::sliced::Fault;
 use crate::{CubeMatrix, Scalar};
 use faer::linalg::solvers::{Llt, Solve};
 use faer::{Mat, Side};
@@ -25,24 +26,37 @@ pub(crate) struct Cycle {
 }
 
 impl Cycle {
-    /// `None` when there is nothing to coarsen.
-    pub fn new(hierarchy: &[Interpolation], free: &FreePattern) -> Option<Self> {
+    /// `free` is the system, its rows in the order of `colours`, both as [`order_for`] gives them. `None` when there is nothing
+    /// to coarsen.
+    pub fn new(
+        hierarchy: &[Interpolation],
+        free: &FreePattern,
+        colours: Option<Vec<u32>>,
+        settings: &MultigridSettings,
+    ) -> Option<Self> {
         let first = hierarchy.first()?;
-        let fits = free.node.last().is_none_or(|n| (*n as usize) < first.fine_count());
+        let fits = free.node.iter().all(|n| (*n as usize) < first.fine_count());
         if free.row_count() == 0 || !fits {
             return None;
         }
         let mut kept = free.node.clone();
-        let mut levels = vec![Level::new(free.clone_structure())];
+        let mut levels = vec![Level::new(free.clone_structure(), settings.smoother, colours)];
         let mut galerkin = Vec::new();
         for p in hierarchy {
-            let (restricted, seen) = p.restricted(&kept);
+            let (mut restricted, mut seen) = p.restricted(&kept, settings.marking);
             if restricted.coarse_count == 0 {
                 break;
             }
             let fine = &levels[levels.len() - 1].pattern;
-            let product = Galerkin::new(fine, restricted);
-            levels.push(Level::new(product.coarse_pattern()));
+            let mut product = Galerkin::new(fine, restricted);
+            let mut colours = None;
+            if let Some((order, starts)) = order_for(settings.smoother, &product.coarse_pattern()) {
+                seen = order.iter().map(|i| seen[*i as usize]).collect();
+                restricted = p.between(&kept, &seen);
+                product = Galerkin::new(fine, restricted);
+                colours = Some(starts);
+            }
+            levels.push(Level::new(product.coarse_pattern(), settings.smoother, colours));
             galerkin.push(product);
             kept = seen;
         }
@@ -53,32 +67,37 @@ impl Cycle {
         Some(Self { levels, galerkin, coarsest: None, coarsest_rhs: Mat::zeros(n, 1) })
     }
 
-    /// Blocks and inverted diagonal blocks of the finest level, to be filled.
-    pub fn finest_mut(&mut self) -> (&mut [f32], &mut [Inverse<f32>]) {
-        self.levels[0].parts_mut()
+    /// Takes the blocks of the finest level, by their place in the pattern: products use these from now on.
+    pub fn load(&mut self, block_of: &(impl Fn(usize) -> [f32; 9] + Sync)) -> Result<(), Fault> {
+        self.levels[0].load(block_of)
     }
 
-    /// Makes the finest level use the blocks.
-    pub fn forget_cubes(&mut self) {
-        self.levels[0].set_cubes::<f32>(None);
-    }
-
-    /// `q = A p` on the finest level; writes the first of each `partial`: `pᵀ q` over a chunk of rows.
-    pub fn product_dot<A: Scalar>(&mut self, p: &Quads<A>, q: &mut Quads<A>, partial: &mut [[f64; 2]]) {
-        self.levels[0].product_dot(p, q, partial);
-    }
-
-    /// Takes the cubes for the finest level. For [`Self::rebuild`] it must have been given the stored matrix as well, before.
+    /// Takes the cubes of the finest level: products use these from now on.
     pub fn load_cubes<R: Scalar>(&mut self, matrix: &CubeMatrix<R>) {
-        self.levels[0].set_cubes(Some(matrix));
+        self.levels[0].load_cubes(matrix);
     }
 
-    /// Makes the coarse operators from the matrix stored last.
-    pub fn rebuild(&mut self) {
+    /// Rows of the finest level without a single entry.
+    pub fn identity(&self) -> &[bool] {
+        self.levels[0].identity()
+    }
+
+    /// `q = A p` on the finest level; returns `pᵀ q`.
+    pub fn product_dot(&mut self, p: &Quads<f32>, q: &mut Quads<f32>) -> f64 {
+        self.levels[0].product_dot(p, q)
+    }
+
+    /// Makes the coarse operators from the blocks of the finest level, which has been loaded.
+    pub fn rebuild(&mut self, block_of: &(impl Fn(usize) -> [f32; 9] + Sync)) {
         for l in 0..self.galerkin.len() {
             let (fine, coarse) = self.levels.split_at_mut(l + 1);
-            self.galerkin[l].refresh(&fine[l].pattern, fine[l].blocks(), coarse[0].blocks_mut());
-            coarse[0].invert_diagonal();
+            let (before, galerkin) = self.galerkin.split_at_mut(l);
+            match before.last() {
+                None => galerkin[0].refresh(&fine[l].pattern, block_of),
+                Some(finer) => galerkin[0].refresh(&fine[l].pattern, &|k| finer.coarse_blocks()[k]),
+            }
+            // a diagonal block that has no inverse is left out of the smoothing
+            let _ = coarse[0].load(&|k| galerkin[0].coarse_blocks()[k]);
         }
         for level in &mut self.levels {
             level.estimate_spectrum();
@@ -88,11 +107,12 @@ impl Cycle {
 
     fn factorise(&mut self) {
         let level = &self.levels[self.levels.len() - 1];
+        let blocks = self.galerkin[self.galerkin.len() - 1].coarse_blocks();
         let n = level.pattern.row_count();
         let mut a = Mat::<f64>::zeros(3 * n, 3 * n);
         for i in 0..n {
             for k in level.pattern.row(i) {
-                let (j, block) = (level.pattern.column[k] as usize, level.blocks()[k]);
+                let (j, block) = (level.pattern.column[k] as usize, blocks[k]);
                 for r in 0..3 {
                     for c in 0..3 {
                         a[(3 * i + r, 3 * j + c)] = f64::from(block[3 * r + c]);

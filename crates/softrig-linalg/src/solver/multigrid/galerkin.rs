@@ -29,6 +29,7 @@ pub(super) struct Galerkin {
     ap: Product,
     coarse: Product,
     ap_values: Vec<[f32; 9]>,
+    coarse_values: Vec<[f32; 9]>,
 }
 
 /// Walks a sparse product row by row; `visit(row, add)` names the columns of all contributions of a row in order.
@@ -71,7 +72,8 @@ impl Galerkin {
             }
         });
         let ap_values = vec![[0.0; 9]; ap.column.len()];
-        Self { p, pt, ap, coarse, ap_values }
+        let coarse_values = vec![[0.0; 9]; coarse.column.len()];
+        Self { p, pt, ap, coarse, ap_values, coarse_values }
     }
 
     pub fn interpolation(&self) -> &Interpolation {
@@ -101,13 +103,18 @@ impl Galerkin {
         }
     }
 
-    /// Writes the coarse blocks for the fine ones, nine numbers each.
-    pub fn refresh(&mut self, fine: &FreePattern, fine_values: &[[f32; 9]], coarse_values: &mut [[f32; 9]]) {
+    /// The coarse blocks of the last [`Self::refresh`].
+    pub fn coarse_blocks(&self) -> &[[f32; 9]] {
+        &self.coarse_values
+    }
+
+    /// Makes the coarse blocks for the fine ones.
+    pub fn refresh(&mut self, fine: &FreePattern, fine_block: &(impl Fn(usize) -> [f32; 9] + Sync)) {
         let (p, pt, ap, coarse) = (&self.p, &self.pt, &self.ap, &self.coarse);
         rows_mut(&ap.row_start, 0, &mut self.ap_values, &|i, out| {
             let mut at = ap.place_start[i] as usize;
             for k in fine.row(i) {
-                let a = &fine_values[k];
+                let a = &fine_block(k);
                 for e in p.row(fine.column[k] as usize) {
                     add(&mut out[ap.place[at] as usize], p.weight[e] as f32, a);
                     at += 1;
@@ -115,7 +122,7 @@ impl Galerkin {
             }
         });
         let ap_values = &self.ap_values;
-        rows_mut(&coarse.row_start, 0, coarse_values, &|c, out| {
+        rows_mut(&coarse.row_start, 0, &mut self.coarse_values, &|c, out| {
             let mut at = coarse.place_start[c] as usize;
             for k in pt.row(c) {
                 let i = pt.column[k] as usize;

@@ -1,19 +1,19 @@
-//! One level of the hierarchy: its matrix in f32, stored or as cubes, and a Chebyshev smoother.
+//! One level of the hierarchy: its matrix in f32, stored or as cubes, and the smoothers.
 
-use crate::solver::cubes::{self, FreeCubes};
+use super::colour::by_colour;
+use super::products::{Advance, Again, Matrix, Product, Reduce, Relax, Start};
+use super::settings::Smoother;
+use crate::solver::cubes::FreeCubes;
 use crate::solver::free::FreePattern;
-use crate::solver::pcg::kernel::{Blocks, Inverse, Product, inverse_of_block};
+use crate::solver::pcg::kernel::Inverse;
 use crate::solver::quads::Quads;
-use crate::{CubeMatrix, Kernel, Lane, Scalar, Wide, run_wide};
+use crate::solver::sliced::{Fault, ROWS, Sliced};
+use crate::{CubeMatrix, run_wide};
 use rayon::prelude::*;
-use std::any::Any;
+use std::ops::Range;
 
-/// Rows per task: coarse levels are not worth a second thread.
-const ROWS: usize = 512;
-/// Products per smoothing. Degree 3 needs the fewest products per digit on lattices with bones (numerics 5.6).
-const DEGREE: usize = 3;
-/// Smoothed part of the spectrum: from the largest eigenvalue down by this ratio.
-const RATIO: f32 = 10.0;
+/// Chunks per task: fewer are not worth a second thread.
+const CHUNKS: usize = 4;
 /// The power iteration finds the largest eigenvalue from below.
 const SAFETY: f32 = 1.1;
 /// Power iterations.
@@ -22,111 +22,98 @@ const POWER_STEPS: usize = 15;
 #[derive(Debug)]
 pub(super) struct Level {
     pub pattern: FreePattern,
-    pub values: Blocks<f32>,
-    /// Present where products take the cubes instead of the values.
+    smoother: Smoother,
+    /// First row of each colour, and one past the last; one range of all rows where nobody asks for colours.
+    colours: Vec<u32>,
+    /// Made when the first stored matrix comes.
+    matrix: Option<Sliced<f32>>,
+    /// Present once a matrix of cubes has come.
     cubes: Option<FreeCubes<f32>>,
-    /// Products take the values even so.
-    stored: bool,
+    /// Products take the cubes.
+    by_cubes: bool,
     inverse: Vec<Inverse<f32>>,
+    identity: Vec<bool>,
     /// Largest eigenvalue of `D⁻¹ A`, with safety.
     largest: f32,
-    /// Right-hand side, solution, residual, direction, product.
+    partial: Vec<f64>,
+    /// Right-hand side, solution, residual, and two directions.
     pub b: Quads<f32>,
     pub x: Quads<f32>,
     pub r: Quads<f32>,
     d: Quads<f32>,
-    q: Quads<f32>,
+    e: Quads<f32>,
+}
+
+/// An order for the rows of a level, as [`by_colour`] gives it, where its smoother wants one.
+pub(super) fn order_for(smoother: Smoother, pattern: &FreePattern) -> Option<(Vec<u32>, Vec<u32>)> {
+    matches!(smoother, Smoother::GaussSeidel { .. }).then(|| by_colour(pattern))
 }
 
 impl Level {
-    pub fn new(pattern: FreePattern) -> Self {
+    /// `colours` as [`order_for`] gave them for the pattern; the rows of the pattern are in that order.
+    pub fn new(pattern: FreePattern, smoother: Smoother, colours: Option<Vec<u32>>) -> Self {
         let n = pattern.row_count();
         Self {
-            values: Blocks::zero(pattern.block_count()),
+            smoother,
+            colours: colours.unwrap_or_else(|| vec![0, n as u32]),
+            matrix: None,
             cubes: None,
-            stored: true,
+            by_cubes: false,
             inverse: vec![[[0.0; 4]; 3]; n],
+            identity: vec![false; n],
             largest: 1.0,
+            partial: vec![0.0; n.div_ceil(ROWS)],
             b: Quads::zero(n),
             x: Quads::zero(n),
             r: Quads::zero(n),
             d: Quads::zero(n),
-            q: Quads::zero(n),
+            e: Quads::zero(n),
             pattern,
         }
     }
 
-    /// The blocks, nine numbers each.
-    pub fn blocks(&self) -> &[[f32; 9]] {
-        self.values.0[..9 * self.pattern.block_count()].as_chunks().0
+    /// Takes the blocks of the pattern; from now on products take these.
+    pub fn load(&mut self, block_of: &(impl Fn(usize) -> [f32; 9] + Sync)) -> Result<(), Fault> {
+        self.by_cubes = false;
+        let matrix = self.matrix.get_or_insert_with(|| Sliced::new(&self.pattern, &self.colours));
+        matrix.load(&self.pattern, block_of, &mut self.inverse, &mut self.identity)
     }
 
-    /// The same, to be written.
-    pub fn blocks_mut(&mut self) -> &mut [[f32; 9]] {
-        let used = 9 * self.pattern.block_count();
-        self.values.0[..used].as_chunks_mut().0
+    /// Makes products take these cubes.
+    pub fn load_cubes<R: crate::Scalar>(&mut self, matrix: &CubeMatrix<R>) {
+        self.by_cubes = true;
+        let made = self.cubes.take().filter(|c| c.belongs_to(&matrix.pattern));
+        let cubes = self.cubes.insert(made.unwrap_or_else(|| FreeCubes::new(&matrix.pattern, &self.pattern)));
+        cubes.load(matrix, &self.pattern);
+        cubes.invert_diagonal(&mut self.inverse);
     }
 
-    /// Blocks, nine numbers each, and inverted diagonal blocks, to be filled.
-    pub fn parts_mut(&mut self) -> (&mut [f32], &mut [Inverse<f32>]) {
-        let used = 9 * self.pattern.block_count();
-        (&mut self.values.0[..used], &mut self.inverse)
+    /// Rows without a single entry.
+    pub fn identity(&self) -> &[bool] {
+        &self.identity
     }
 
-    /// `q = A p`; writes the first of each `partial`: `pᵀ q` over a chunk of [`cubes::ROWS`] rows.
-    pub fn product_dot<A: Scalar>(&mut self, p: &Quads<A>, q: &mut Quads<A>, partial: &mut [[f64; 2]]) {
-        let own: (&dyn Any, &mut dyn Any) = (p, q);
-        if let (Some(p), Some(q)) = (own.0.downcast_ref::<Quads<f32>>(), own.1.downcast_mut::<Quads<f32>>()) {
-            if let Some(cubes) = self.cubes.as_mut().filter(|_| !self.stored) {
-                cubes.product_dot(p.padded(), q.get_mut(), partial);
-                return;
-            }
-            let (pattern, values, x) = (&self.pattern, &self.values, p.get());
-            let rows = q.get_mut().par_chunks_mut(cubes::ROWS).zip(partial).enumerate();
-            rows.for_each(|(c, (y, partial))| {
-                partial[0] = run_wide::<f32, _>(Product { pattern, values, x, first: c * cubes::ROWS, y });
+    /// `q = A p`; returns `pᵀ q`.
+    pub fn product_dot(&mut self, p: &Quads<f32>, q: &mut Quads<f32>) -> f64 {
+        let matrix = multiplier(&self.matrix, &mut self.cubes, self.by_cubes, p);
+        let mut sum = 0.0;
+        for (chunks, rows) in colour_chunks(&self.colours) {
+            let partial = &mut self.partial[..chunks.len()];
+            let vectors = (q.get_mut()[rows.clone()].par_chunks_mut(ROWS), p.get()[rows].par_chunks(ROWS));
+            let all = (vectors.0, vectors.1, partial.par_iter_mut()).into_par_iter().enumerate();
+            all.with_min_len(CHUNKS).for_each(|(c, (y, own, partial))| {
+                *partial = run_wide::<f32, _>(Product { matrix, chunk: chunks.start + c, x: p.padded(), own, y });
             });
+            sum += self.partial[..chunks.len()].iter().sum::<f64>();
+        }
+        sum
+    }
+
+    /// Estimates the largest eigenvalue of `D⁻¹ A`, where the smoother needs it.
+    pub fn estimate_spectrum(&mut self) {
+        if matches!(self.smoother, Smoother::GaussSeidel { .. }) {
             return;
         }
-        // other numbers are converted: nobody who cares for speed comes here
-        for (d, p) in self.d.get_mut().iter_mut().zip(p.get()) {
-            *d = p.map(|v| v.to_f64() as f32);
-        }
-        self.product(false);
-        for (q, own) in q.get_mut().iter_mut().zip(self.q.get()) {
-            *q = own.map(|v| A::from_f64(f64::from(v)));
-        }
-        for (c, partial) in partial.iter_mut().enumerate() {
-            let rows = c * cubes::ROWS..((c + 1) * cubes::ROWS).min(p.get().len());
-            let dot = |i: usize| (0..3).map(|k| p.get()[i][k].to_f64() * q.get()[i][k].to_f64()).sum::<f64>();
-            partial[0] = rows.map(dot).sum();
-        }
-    }
-
-    /// Makes products take these cubes; `None` goes back to the values.
-    pub fn set_cubes<R: Scalar>(&mut self, matrix: Option<&CubeMatrix<R>>) {
-        self.stored = matrix.is_none();
-        let Some(matrix) = matrix else { return };
-        if !self.cubes.as_ref().is_some_and(|c| c.belongs_to(&matrix.pattern)) {
-            self.cubes = Some(FreeCubes::new(&matrix.pattern, &self.pattern));
-        }
-        if let Some(cubes) = &mut self.cubes {
-            cubes.load(matrix, &self.pattern);
-            cubes.invert_diagonal(&mut self.inverse);
-        }
-    }
-
-    /// Inverts the diagonal blocks; a block that has no inverse is left out of the smoothing.
-    pub fn invert_diagonal(&mut self) {
-        let (pattern, blocks) = (&self.pattern, self.values.0[..9 * self.pattern.block_count()].as_chunks::<9>().0);
-        self.inverse.par_iter_mut().enumerate().for_each(|(i, inverse)| {
-            let block = blocks[pattern.diagonal[i] as usize].map(f64::from);
-            *inverse = inverse_of_block(block).unwrap_or_default();
-        });
-    }
-
-    /// Estimates the largest eigenvalue of `D⁻¹ A`.
-    pub fn estimate_spectrum(&mut self) {
         // a start that is no eigenvector of anything regular, and the same everywhere
         for (i, d) in self.d.get_mut().iter_mut().enumerate() {
             let h = (i as u32).wrapping_mul(2_654_435_761) >> 8;
@@ -141,125 +128,155 @@ impl Level {
             }
             let scale = (1.0 / norm) as f32;
             self.d.get_mut().iter_mut().for_each(|d| *d = d.map(|v| v * scale));
-            self.product(false);
-            for ((d, q), inverse) in self.d.get_mut().iter_mut().zip(self.q.get()).zip(&self.inverse) {
-                *d = apply(inverse, q);
+            self.r.get_mut().fill([0.0; 4]);
+            self.reduce();
+            for ((d, r), inverse) in self.d.get_mut().iter_mut().zip(self.r.get()).zip(&self.inverse) {
+                *d = std::array::from_fn(|k| (inverse[0][k] * r[0] + inverse[1][k] * r[1]) + inverse[2][k] * r[2]);
             }
             largest = square(self.d.get()).sqrt();
         }
         self.largest = if largest.is_finite() && largest > 0.0 { SAFETY * largest as f32 } else { 2.0 };
     }
 
-    /// Chebyshev smoothing of `A x = b` from `x = 0`; leaves the residual in `r`.
+    /// Smoothing of `A x = b` from `x = 0`; leaves the residual in `r`.
     pub fn smooth_from_zero(&mut self) {
-        self.r.get_mut().copy_from_slice(self.b.get());
-        self.x.get_mut().fill([0.0; 4]);
-        self.chebyshev(true);
+        match self.smoother {
+            Smoother::Chebyshev { degree, ratio } => {
+                let (theta, delta) = self.interval(ratio);
+                self.start(1.0 / theta);
+                self.advance(degree, theta, delta, false);
+                self.reduce();
+            }
+            Smoother::GaussSeidel { before, .. } => {
+                self.x.get_mut().fill([0.0; 4]);
+                (0..before.max(1)).for_each(|_| self.sweep(false));
+                self.again(0.0);
+            }
+        }
     }
 
-    /// Chebyshev smoothing of `A x = b` from the present `x`; the residual is not kept.
+    /// Smoothing of `A x = b` from the present `x`; the residual is not kept.
     pub fn smooth(&mut self) {
-        self.product(true);
-        let (q, b) = (self.q.get(), self.b.get());
-        self.r.get_mut().par_chunks_mut(ROWS).zip(q.par_chunks(ROWS).zip(b.par_chunks(ROWS))).for_each(
-            |(r, (q, b))| {
-                for ((r, q), b) in r.iter_mut().zip(q).zip(b) {
-                    *r = std::array::from_fn(|k| b[k] - q[k]);
-                }
-            },
-        );
-        self.chebyshev(false);
+        match self.smoother {
+            Smoother::Chebyshev { degree, ratio } => {
+                let (theta, delta) = self.interval(ratio);
+                self.again(1.0 / theta);
+                self.advance(degree, theta, delta, true);
+            }
+            Smoother::GaussSeidel { after, .. } => (0..after).for_each(|_| self.sweep(true)),
+        }
     }
 
-    /// The three-term recurrence on `r` [Saad2003 alg. 12.1], preconditioned by the diagonal blocks.
-    fn chebyshev(&mut self, keep_residual: bool) {
-        let (upper, lower) = (self.largest, self.largest / RATIO);
-        let (theta, delta) = (0.5 * (upper + lower), 0.5 * (upper - lower));
+    /// Middle and half width of the part of the spectrum that is smoothed.
+    fn interval(&self, ratio: f32) -> (f32, f32) {
+        let (upper, lower) = (self.largest, self.largest / ratio.max(1.0 + 1e-3));
+        (0.5 * (upper + lower), 0.5 * (upper - lower))
+    }
+
+    fn start(&mut self, gain: f32) {
+        let vectors = (self.r.get_mut(), self.d.get_mut(), self.x.get_mut());
+        let (r, d, x) =
+            (vectors.0.par_chunks_mut(ROWS), vectors.1.par_chunks_mut(ROWS), vectors.2.par_chunks_mut(ROWS));
+        let (b, inverse) = (self.b.get().par_chunks(ROWS), self.inverse.par_chunks(ROWS));
+        let all = (r, d, x, b, inverse).into_par_iter().with_min_len(CHUNKS);
+        all.for_each(|(r, d, x, b, inverse)| run_wide::<f32, _>(Start { gain, inverse, b, r, d, x }));
+    }
+
+    /// `r = b - A x`, `d = gain D⁻¹ r`; `x` lags behind by `d`.
+    fn again(&mut self, gain: f32) {
+        let matrix = multiplier(&self.matrix, &mut self.cubes, self.by_cubes, &self.x);
+        let x = self.x.padded();
+        for (chunks, rows) in colour_chunks(&self.colours) {
+            let vectors = (&mut self.r.get_mut()[rows.clone()], &mut self.d.get_mut()[rows.clone()]);
+            let (r, d) = (vectors.0.par_chunks_mut(ROWS), vectors.1.par_chunks_mut(ROWS));
+            let (b, inverse) = (self.b.get()[rows.clone()].par_chunks(ROWS), self.inverse[rows].par_chunks(ROWS));
+            let all = (r, d, b, inverse).into_par_iter().enumerate().with_min_len(CHUNKS);
+            all.for_each(|(c, (r, d, b, inverse))| {
+                run_wide::<f32, _>(Again { matrix, chunk: chunks.start + c, gain, x, inverse, b, r, d });
+            });
+        }
+    }
+
+    /// The rest of the three-term recurrence [Saad2003 alg. 12.1] after its first step `d`, preconditioned by the diagonal
+    /// blocks. `late`: `x` still lacks that first step.
+    fn advance(&mut self, degree: usize, theta: f32, delta: f32, late: bool) {
+        if degree <= 1 && late {
+            for (x, d) in self.x.get_mut().iter_mut().zip(self.d.get()) {
+                *x = std::array::from_fn(|k| x[k] + d[k]);
+            }
+        }
         let sigma = theta / delta;
         let mut rho = 1.0 / sigma;
-        self.advance(0.0, 1.0 / theta);
-        for _ in 1..DEGREE {
-            self.reduce_residual();
+        for step in 1..degree {
             let next = 1.0 / (2.0 * sigma - rho);
-            self.advance(next * rho, 2.0 * next / delta);
+            let (keep, gain, late) = (next * rho, 2.0 * next / delta, late && step == 1);
+            let matrix = multiplier(&self.matrix, &mut self.cubes, self.by_cubes, &self.d);
+            let (d, own) = (self.d.padded(), self.d.get().par_chunks(ROWS));
+            let (r, e) = (self.r.get_mut().par_chunks_mut(ROWS), self.e.get_mut().par_chunks_mut(ROWS));
+            let (x, inverse) = (self.x.get_mut().par_chunks_mut(ROWS), self.inverse.par_chunks(ROWS));
+            let all = (own, r, e, x, inverse).into_par_iter().enumerate().with_min_len(CHUNKS);
+            all.for_each(|(chunk, (own, r, e, x, inverse))| {
+                run_wide::<f32, _>(Advance { matrix, chunk, keep, gain, late, d, own, inverse, r, e, x });
+            });
+            std::mem::swap(&mut self.d, &mut self.e);
             rho = next;
         }
-        if keep_residual {
-            self.reduce_residual();
-        }
-    }
-
-    /// `d = keep d + gain D⁻¹ r; x += d`.
-    fn advance(&mut self, keep: f32, gain: f32) {
-        let (d, x) = (self.d.get_mut(), self.x.get_mut());
-        (d.par_chunks_mut(ROWS), x.par_chunks_mut(ROWS))
-            .into_par_iter()
-            .zip((self.r.get().par_chunks(ROWS), self.inverse.par_chunks(ROWS)))
-            .for_each(|((d, x), (r, inverse))| run_wide::<f32, _>(Advance { keep, gain, d, x, r, inverse }));
-    }
-
-    /// `q = A x` or `q = A d`.
-    fn product(&mut self, of_solution: bool) {
-        let x = if of_solution { &self.x } else { &self.d };
-        if let Some(cubes) = self.cubes.as_mut().filter(|_| !self.stored) {
-            cubes.product(x.padded(), self.q.get_mut());
-            return;
-        }
-        let (pattern, values, x) = (&self.pattern, &self.values, x.get());
-        self.q.get_mut().par_chunks_mut(ROWS).enumerate().for_each(|(c, y)| {
-            run_wide::<f32, _>(Product { pattern, values, x, first: c * ROWS, y });
-        });
     }
 
     /// `r -= A d`.
-    fn reduce_residual(&mut self) {
-        if let Some(cubes) = self.cubes.as_mut().filter(|_| !self.stored) {
-            cubes.subtract_product(self.d.padded(), self.r.get_mut());
-            return;
-        }
-        self.product(false);
-        let q = self.q.get();
-        self.r.get_mut().par_chunks_mut(ROWS).zip(q.par_chunks(ROWS)).for_each(|(r, q)| {
-            for (r, q) in r.iter_mut().zip(q) {
-                *r = std::array::from_fn(|k| r[k] - q[k]);
-            }
-        });
+    fn reduce(&mut self) {
+        let matrix = multiplier(&self.matrix, &mut self.cubes, self.by_cubes, &self.d);
+        let d = self.d.padded();
+        let all = self.r.get_mut().par_chunks_mut(ROWS).enumerate().with_min_len(CHUNKS);
+        all.for_each(|(chunk, r)| run_wide::<f32, _>(Reduce { matrix, chunk, d, r }));
     }
-}
 
-/// The loop of [`Level::advance`], a node's four numbers side by side.
-struct Advance<'a> {
-    keep: f32,
-    gain: f32,
-    d: &'a mut [[f32; 4]],
-    x: &'a mut [[f32; 4]],
-    r: &'a [[f32; 4]],
-    inverse: &'a [Inverse<f32>],
-}
-
-impl Kernel for Advance<'_> {
-    type Output = ();
-    #[inline(always)]
-    fn run<const W: usize>(self) {
-        let n = self.d.len();
-        let (d, x, r, inverse) = (self.d, &mut self.x[..n], &self.r[..n], &self.inverse[..n]);
-        // the first direction keeps nothing: the old one may hold anything, even NaN
-        let fresh = self.keep == 0.0;
-        let (keep, gain) = (Wide::<f32, 4>::splat(self.keep), Wide::<f32, 4>::splat(self.gain));
-        for i in 0..n {
-            let (v, m) = (r[i], &inverse[i]);
-            let z = (Wide(m[0]) * Wide::splat(v[0]) + Wide(m[1]) * Wide::splat(v[1])) + Wide(m[2]) * Wide::splat(v[2]);
-            let old = if fresh { Wide::splat(0.0) } else { keep * Wide(d[i]) };
-            let next = old + gain * z;
-            d[i] = next.0;
-            x[i] = (Wide(x[i]) + next).0;
+    /// One sweep of Gauss-Seidel.
+    fn sweep(&mut self, backwards: bool) {
+        let count = self.colours.len() - 1;
+        for k in 0..count {
+            let colour = if backwards { count - 1 - k } else { k };
+            let Some((chunks, rows)) = colour_chunks(&self.colours).nth(colour) else { continue };
+            let matrix = multiplier(&self.matrix, &mut self.cubes, self.by_cubes, &self.x);
+            let (x, y) = (self.x.padded(), self.e.get_mut()[rows.clone()].par_chunks_mut(ROWS));
+            let own = self.x.get()[rows.clone()].par_chunks(ROWS);
+            let (b, inverse) =
+                (self.b.get()[rows.clone()].par_chunks(ROWS), self.inverse[rows.clone()].par_chunks(ROWS));
+            let all = (own, y, b, inverse).into_par_iter().enumerate().with_min_len(CHUNKS);
+            all.for_each(|(c, (own, y, b, inverse))| {
+                run_wide::<f32, _>(Relax { matrix, chunk: chunks.start + c, x, own, inverse, b, y });
+            });
+            self.x.get_mut()[rows.clone()].copy_from_slice(&self.e.get()[rows]);
         }
     }
 }
 
-#[inline(always)]
-fn apply(inverse: &Inverse<f32>, v: &[f32; 4]) -> [f32; 4] {
-    std::array::from_fn(|k| (inverse[0][k] * v[0] + inverse[1][k] * v[1]) + inverse[2][k] * v[2])
+/// Chunks and rows of every colour.
+fn colour_chunks(colours: &[u32]) -> impl Iterator<Item = (Range<usize>, Range<usize>)> + '_ {
+    let mut first = 0;
+    colours.windows(2).map(move |c| {
+        let rows = c[0] as usize..c[1] as usize;
+        let chunks = first..first + rows.len().div_ceil(ROWS);
+        first = chunks.end;
+        (chunks, rows)
+    })
+}
+
+/// What multiplies, ready for `x`.
+fn multiplier<'a>(
+    stored: &'a Option<Sliced<f32>>,
+    cubes: &'a mut Option<FreeCubes<f32>>,
+    by_cubes: bool,
+    x: &Quads<f32>,
+) -> Matrix<'a> {
+    match (cubes, stored) {
+        (Some(cubes), _) if by_cubes => {
+            cubes.corner_forces(x.padded());
+            Matrix::Cubes(cubes)
+        }
+        (_, Some(stored)) => Matrix::Stored(stored),
+        _ => unreachable!("a level is loaded before it is used"),
+    }
 }
 
 fn square(v: &[[f32; 4]]) -> f64 {

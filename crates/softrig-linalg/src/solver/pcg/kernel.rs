@@ -4,20 +4,8 @@
 //! a zero; it is added all the same, because a compiler that sees it unused takes the other three apart. Dot products are added
 //! in f64 also for f32 vectors.
 
-use crate::solver::free::FreePattern;
+use crate::solver::sliced::Sliced;
 use crate::{Kernel, Lane, Mat3, Scalar, Vec3, Wide};
-
-/// Blocks one after the other, nine numbers each, and a few of padding because a row of three is loaded as four.
-#[derive(Debug, Default)]
-pub(in crate::solver) struct Blocks<A>(pub Vec<A>);
-
-impl<A: Scalar> Blocks<A> {
-    const PADDING: usize = 1;
-
-    pub fn zero(count: usize) -> Self {
-        Self(vec![A::zero(); 9 * count + Self::PADDING])
-    }
-}
 
 /// Inverse of a diagonal block; rows end in a zero.
 pub(in crate::solver) type Inverse<A> = [[A; 4]; 3];
@@ -32,12 +20,13 @@ fn total(sum: Wide<f64, 4>) -> f64 {
     (sum.0[0] + sum.0[1]) + (sum.0[2] + sum.0[3])
 }
 
-/// `y = A x` on rows `first..first + y.len()`; returns `xᵀ y` over them.
-pub(in crate::solver) struct Product<'a, A> {
-    pub pattern: &'a FreePattern,
-    pub values: &'a Blocks<A>,
+/// Rows of chunk `chunk` of `y = A x`; returns `xᵀ y` over them.
+pub(super) struct Product<'a, A> {
+    pub matrix: &'a Sliced<A>,
+    pub chunk: usize,
     pub x: &'a [[A; 4]],
-    pub first: usize,
+    /// The rows of the chunk in `x`.
+    pub own: &'a [[A; 4]],
     pub y: &'a mut [[A; 4]],
 }
 
@@ -46,43 +35,12 @@ impl<A: Scalar> Kernel for Product<'_, A> {
 
     #[inline(always)]
     fn run<const W: usize>(self) -> f64 {
-        let Self { pattern, values, x, first, y } = self;
-        let (column, values) = (&pattern.column[..], &values.0[..]);
-        assert!(x.len() == pattern.row_count() && values.len() > 9 * column.len());
-        // three rows of products, two blocks in flight
-        let block = |k: usize, sum: &mut [Wide<A, 4>; 3]| {
-            // SAFETY: `k < column.len()`, columns of a `FreePattern` are below its row count, which is the length of `x`;
-            // `values` holds nine numbers per column and one more (both asserted above).
-            let (m, v) = unsafe {
-                (values.get_unchecked(9 * k..9 * k + 10), *x.get_unchecked(*column.get_unchecked(k) as usize))
-            };
-            let v = Wide(v);
-            for r in 0..3 {
-                sum[r] += Wide([m[3 * r], m[3 * r + 1], m[3 * r + 2], m[3 * r + 3]]) * v;
-            }
-        };
+        let Self { matrix, chunk, x, own, y } = self;
         let mut dot = Wide::<f64, 4>::zero();
-        for (i, y) in y.iter_mut().enumerate() {
-            let row = pattern.row(first + i);
-            let mut sum = [[Wide::<A, 4>::zero(); 3]; 2];
-            let mut k = row.start;
-            while k + 1 < row.end {
-                block(k, &mut sum[0]);
-                block(k + 1, &mut sum[1]);
-                k += 2;
-            }
-            if k < row.end {
-                block(k, &mut sum[0]);
-            }
-            // the sums below mix lanes; unless the loop's registers end here, the compiler would split them up in the loop as well
-            let sum = std::hint::black_box(sum);
-            let s: [[A; 4]; 3] = std::array::from_fn(|r| (sum[0][r] + sum[1][r]).0);
-            // transposed, so that the three rows are added side by side
-            let part = |c: usize| Wide([s[0][c], s[1][c], s[2][c], A::zero()]);
-            let q = (part(0) + part(1)) + (part(2) + part(3));
-            *y = q.0;
-            add_dot(&mut dot, q, Wide(x[first + i]));
-        }
+        matrix.for_rows(chunk, x, |row, q| {
+            y[row] = q;
+            add_dot(&mut dot, Wide(q), Wide(own[row]));
+        });
         total(dot)
     }
 }

@@ -1,11 +1,9 @@
 //! From the caller's system to the numbers of the iteration: free blocks or cubes, in the iteration's own type.
 
-use super::kernel::{Blocks, Inverse, inverse_of_block};
-use super::{Pcg, ROWS};
+use super::Pcg;
 use crate::solver::cubes::FreeCubes;
-use crate::solver::free::FreePattern;
-use crate::solver::multigrid::Cycle;
 use crate::solver::quads::Quads;
+use crate::solver::sliced::Sliced;
 use crate::solver::{LinearSystem, SolveError};
 use crate::{BlockCsr, CubeMatrix, Scalar};
 
@@ -59,12 +57,11 @@ impl<R: Scalar> Pcg<R> {
                 if !products {
                     return Ok(());
                 }
-                if self.values.0.is_empty() {
-                    self.values = Blocks::zero(self.pattern.block_count());
-                }
-                let used = 9 * self.pattern.block_count();
-                let values = &mut self.values.0[..used];
-                return load_rows(&self.pattern, matrix, 0, values, &mut self.inverse, &mut self.identity);
+                let rows = [0, self.pattern.row_count() as u32];
+                let values = self.values.get_or_insert_with(|| Sliced::new(&self.pattern, &rows));
+                let block_of = self.pattern.block_of(matrix);
+                let loaded = values.load(&self.pattern, &block_of, &mut self.inverse, &mut self.identity);
+                return loaded.map_err(|fault| self.pattern.blame(&fault));
             }
             Source::Cubes(matrix) => matrix,
         };
@@ -85,66 +82,4 @@ impl<R: Scalar> Pcg<R> {
         }
         Ok(())
     }
-
-    /// Fills the finest level of a cycle, which then makes the products as well.
-    pub(in crate::solver) fn load_cycle<B: Scalar>(
-        &mut self,
-        matrix: &BlockCsr<B>,
-        cycle: &mut Cycle,
-    ) -> Result<(), SolveError> {
-        let (values, inverse) = cycle.finest_mut();
-        load_rows(&self.pattern, matrix, 0, values, inverse, &mut self.identity)
-    }
-}
-
-/// Fills the values, inverses and identity marks of the rows from `first` on; halves the work between threads.
-fn load_rows<R: Scalar, B: Scalar>(
-    pattern: &FreePattern,
-    matrix: &BlockCsr<B>,
-    first: usize,
-    values: &mut [R],
-    inverse: &mut [Inverse<R>],
-    identity: &mut [bool],
-) -> Result<(), SolveError> {
-    let rows = inverse.len();
-    if rows > ROWS {
-        let half = (rows / 2).next_multiple_of(ROWS).min(rows - 1);
-        let blocks = (pattern.row_start[first + half] - pattern.row_start[first]) as usize;
-        let (values, values_after) = values.split_at_mut(9 * blocks);
-        let (inverse, inverse_after) = inverse.split_at_mut(half);
-        let (identity, identity_after) = identity.split_at_mut(half);
-        let (a, b) = rayon::join(
-            || load_rows(pattern, matrix, first, values, inverse, identity),
-            || load_rows(pattern, matrix, first + half, values_after, inverse_after, identity_after),
-        );
-        return a.and(b);
-    }
-    let start = pattern.row_start[first..].first().map_or(0, |s| *s as usize);
-    let values = values.as_chunks_mut::<9>().0;
-    for i in 0..rows {
-        let row = pattern.row(first + i);
-        let node = pattern.node[first + i] as usize;
-        // zero times anything finite is zero: one comparison per row instead of nine per block
-        let (mut finite, mut any) = (R::zero(), false);
-        for k in row {
-            let block = matrix.values[pattern.source[k] as usize].map(|v| R::from_f64(v.to_f64()));
-            for v in block {
-                finite += v * R::zero();
-                any |= v != R::zero();
-            }
-            values[k - start] = block;
-        }
-        if finite != R::zero() {
-            return Err(SolveError::NotFinite { node });
-        }
-        let diagonal = &mut values[pattern.diagonal[first + i] as usize - start];
-        identity[i] = !any;
-        if !any {
-            for c in 0..3 {
-                diagonal[4 * c] = R::one();
-            }
-        }
-        inverse[i] = inverse_of_block(diagonal.map(Scalar::to_f64)).ok_or(SolveError::NotPositiveDefinite { node })?;
-    }
-    Ok(())
 }

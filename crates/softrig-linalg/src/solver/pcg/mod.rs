@@ -8,6 +8,7 @@
 //! f64 from the caller's matrix. When it is larger than asked for, the iteration starts again from that residual and adds to
 //! the solution, so that an iteration in f32 reaches the digits of f64.
 
+mod cycles;
 pub(super) mod kernel;
 mod load;
 
@@ -18,10 +19,12 @@ use super::cubes;
 use super::free::FreePattern;
 use super::multigrid::Cycle;
 use super::quads::Quads;
+use super::sliced::Sliced;
 use super::{LinearSolver, LinearSystem, SolveError, SolveReport, residual};
 use crate::{BlockCsr, BlockPattern, DofConstraints, Scalar, run_wide};
-use kernel::{Blocks, Direction, Inverse, Product, Update};
+use kernel::{Direction, Inverse, Product, Update};
 use rayon::prelude::*;
+use std::any::Any;
 use std::sync::Arc;
 
 /// Rows per chunk: the unit of work of a thread and of the order of summation.
@@ -38,7 +41,8 @@ pub struct Pcg<R> {
     pub iteration_limit: usize,
     prepared: Option<Arc<BlockPattern>>,
     pattern: FreePattern,
-    values: Blocks<R>,
+    /// Made when the first stored matrix comes.
+    values: Option<Sliced<R>>,
     /// Present where products take the cubes instead of the values.
     cubes: Option<Box<CubeProducts<R>>>,
     inverse: Vec<Inverse<R>>,
@@ -69,7 +73,7 @@ impl<R: Scalar> Pcg<R> {
             iteration_limit: 10_000,
             prepared: None,
             pattern: FreePattern::default(),
-            values: Blocks::default(),
+            values: None,
             cubes: None,
             inverse: Vec::new(),
             identity: Vec::new(),
@@ -88,19 +92,23 @@ impl<R: Scalar> Pcg<R> {
     fn product(&mut self) -> f64 {
         if let Some(own) = self.cubes.as_mut().and_then(|c| c.own.as_mut()) {
             own.product_dot(self.p.padded(), self.q.get_mut(), &mut self.partial);
-        } else {
-            let (pattern, values, p) = (&self.pattern, &self.values, self.p.get());
-            self.q.get_mut().par_chunks_mut(ROWS).zip(&mut self.partial).enumerate().for_each(|(c, (y, partial))| {
-                partial[0] = run_wide::<R, _>(Product { pattern, values, x: p, first: c * ROWS, y });
+        } else if let Some(matrix) = &self.values {
+            let x = self.p.get();
+            let rows = (self.q.get_mut().par_chunks_mut(ROWS), x.par_chunks(ROWS), &mut self.partial);
+            rows.into_par_iter().enumerate().for_each(|(chunk, (y, own, partial))| {
+                partial[0] = run_wide::<R, _>(Product { matrix, chunk, x, own, y });
             });
         }
         self.partial.iter().map(|p| p[0]).sum()
     }
 
-    /// As `product`, by the finest level of the cycle.
+    /// As `product`, by the finest level of the cycle, for an iteration in f32.
     fn product_by(&mut self, cycle: &mut Cycle) -> f64 {
-        cycle.product_dot(&self.p, &mut self.q, &mut self.partial);
-        self.partial.iter().map(|p| p[0]).sum()
+        let own: (&dyn Any, &mut dyn Any) = (&self.p, &mut self.q);
+        match (own.0.downcast_ref(), own.1.downcast_mut()) {
+            (Some(p), Some(q)) => cycle.product_dot(p, q),
+            _ => unreachable!("only the f32 iteration asks the cycle for products"),
+        }
     }
 
     /// `x += alpha p; r -= alpha q; z = D r`; returns `(rᵀ z, rᵀ r)`.
@@ -127,6 +135,28 @@ impl<R: Scalar> Pcg<R> {
             });
         });
         self.partial.iter().fold((0.0, 0.0), |sum, p| (sum.0 + p[0], sum.1 + p[1]))
+    }
+
+    /// Symbolic work for the free rows in an order of their own.
+    pub(super) fn prepare_free(&mut self, pattern: &Arc<BlockPattern>, free: FreePattern) {
+        let n = free.row_count();
+        self.values = None;
+        self.cubes = None;
+        self.inverse = vec![[[R::zero(); 4]; 3]; n];
+        self.identity = vec![false; n];
+        for v in [&mut self.x, &mut self.r, &mut self.z, &mut self.p, &mut self.q] {
+            *v = Quads::zero(n);
+        }
+        self.partial = vec![[0.0; 2]; n.div_ceil(ROWS)];
+        self.candidate = vec![[0.0; 3]; n];
+        self.true_residual = vec![[0.0; 3]; n];
+        self.pattern = free;
+        self.prepared = Some(Arc::clone(pattern));
+    }
+
+    /// Rows without a single entry, where the cycle has been given the system.
+    pub(super) fn set_identity(&mut self, identity: &[bool]) {
+        self.identity.copy_from_slice(identity);
     }
 
     /// The free part of the systems it is prepared for.
@@ -232,21 +262,7 @@ impl<R: Scalar> LinearSolver<R> for Pcg<R> {
     }
 
     fn prepare(&mut self, pattern: &Arc<BlockPattern>, constraints: &DofConstraints) -> Result<(), SolveError> {
-        let free = FreePattern::new(pattern, constraints);
-        let n = free.row_count();
-        // made when a stored matrix comes
-        self.values = Blocks::default();
-        self.cubes = None;
-        self.inverse = vec![[[R::zero(); 4]; 3]; n];
-        self.identity = vec![false; n];
-        for v in [&mut self.x, &mut self.r, &mut self.z, &mut self.p, &mut self.q] {
-            *v = Quads::zero(n);
-        }
-        self.partial = vec![[0.0; 2]; n.div_ceil(ROWS)];
-        self.candidate = vec![[0.0; 3]; n];
-        self.true_residual = vec![[0.0; 3]; n];
-        self.pattern = free;
-        self.prepared = Some(Arc::clone(pattern));
+        self.prepare_free(pattern, FreePattern::new(pattern, constraints));
         Ok(())
     }
 
@@ -283,17 +299,36 @@ impl<R: Scalar> Pcg<R> {
         cycle: Option<&mut Cycle>,
         products: bool,
     ) -> Result<SolveReport, SolveError> {
-        match source {
-            Source::Stored(matrix) => self.check(matrix, rhs, solution)?,
-            Source::Cubes(matrix) => {
-                let nodes = self.prepared.as_ref().ok_or(SolveError::NotPrepared)?.row_count();
-                if matrix.pattern.node_count != nodes || rhs.len() != nodes || solution.len() != nodes {
-                    return Err(SolveError::NotPrepared);
-                }
-            }
-        }
+        self.check_source(source, rhs, solution)?;
         // on the pool's own threads, so that each loop does not enter it anew
         rayon::scope(|_| self.solve_inside(source, rhs, solution, tolerance, cycle, products))
+    }
+
+    fn check_source<B: Scalar>(
+        &self,
+        source: Source<'_, B>,
+        rhs: &[[B; 3]],
+        solution: &[[B; 3]],
+    ) -> Result<(), SolveError> {
+        match source {
+            Source::Stored(matrix) => self.check(matrix, rhs, solution),
+            Source::Cubes(matrix) => {
+                let nodes = self.prepared.as_ref().ok_or(SolveError::NotPrepared)?.row_count();
+                let fits = matrix.pattern.node_count == nodes && rhs.len() == nodes && solution.len() == nodes;
+                if fits { Ok(()) } else { Err(SolveError::NotPrepared) }
+            }
+        }
+    }
+
+    /// Starts from zero: everything is still to be solved for. Returns the square norm of the right-hand side times `scale`.
+    fn begin<B: Scalar>(&mut self, rhs: &[[B; 3]], scale: f64) -> f64 {
+        self.candidate.fill([0.0; 3]);
+        let mut square = 0.0;
+        for (r, node) in self.true_residual.iter_mut().zip(&self.pattern.node) {
+            *r = rhs[*node as usize].map(|b| b.to_f64() * scale);
+            square += r[0] * r[0] + r[1] * r[1] + r[2] * r[2];
+        }
+        square
     }
 
     /// Does the system belong to the prepared pattern?
@@ -321,12 +356,7 @@ impl<R: Scalar> Pcg<R> {
             solution.fill([B::zero(); 3]);
             return Ok(SolveReport { solver: "pcg", iterations: 0, residual: 0.0, converged: true });
         };
-        self.candidate.fill([0.0; 3]);
-        let mut square = 0.0;
-        for (r, node) in self.true_residual.iter_mut().zip(&self.pattern.node) {
-            *r = rhs[*node as usize].map(|b| b.to_f64() * scale);
-            square += r[0] * r[0] + r[1] * r[1] + r[2] * r[2];
-        }
+        let square = self.begin(rhs, scale);
         let (norm, mut left) = (square.sqrt(), square);
         let mut iterations = 0;
         loop {
