@@ -54,6 +54,8 @@ pub enum SolverName {
     Pcg,
     /// Sparse Cholesky factorisation: for small or very stiff bodies.
     Direct,
+    /// The one of `multigrid` and `pcg` that does less work, for every solve.
+    Auto,
 }
 
 impl From<SolverName> for SolverKind {
@@ -62,6 +64,7 @@ impl From<SolverName> for SolverKind {
             SolverName::Multigrid => Self::Multigrid,
             SolverName::Pcg => Self::Pcg,
             SolverName::Direct => Self::Direct,
+            SolverName::Auto => Self::Auto,
         }
     }
 }

@@ -1,5 +1,7 @@
 //! Linear solvers behind one trait.
 
+mod adapted;
+mod auto;
 mod cubes;
 mod direct;
 mod free;
@@ -9,6 +11,8 @@ mod quads;
 mod residual;
 pub(crate) mod sliced;
 
+pub use adapted::Adapted;
+pub use auto::Auto;
 pub use direct::Direct;
 pub use multigrid::{Interpolation, Marking, Multigrid, MultigridSettings, Outer, Rebuild, Smoother};
 pub use pcg::Pcg;
@@ -129,6 +133,15 @@ pub trait LinearSolver<R>: Send {
         tolerance: f64,
     ) -> Result<SolveReport, SolveError> {
         self.solve(system.assembled(), rhs, solution, tolerance)
+    }
+}
+
+/// A matrix that is there already.
+struct Stored<'a, R>(&'a BlockCsr<R>);
+
+impl<R> LinearSystem<R> for Stored<'_, R> {
+    fn assembled(&mut self) -> &BlockCsr<R> {
+        self.0
     }
 }
 

@@ -5,7 +5,7 @@
 //! and voxels share corners only where a cell reaches from one into the other, so that what lies close but does not touch stays
 //! apart on every level.
 
-use super::hierarchy::{CORNERS, Level, Prolongation, coarser};
+use super::hierarchy::{CORNERS, HierarchyOptions, Level, Prolongation, coarser};
 use super::sets::Sets;
 use super::volume::VolumeMesh;
 use std::collections::BTreeMap;
@@ -14,14 +14,13 @@ use std::collections::BTreeMap;
 /// that it is a sixth of), or of the mean hexahedron's volume.
 const WIDTH: f64 = 2.0;
 
-/// Interpolations to the nodes of the mesh from a lattice, and from level to level below it, as
-/// [`super::lattice_hierarchy`] gives them. Empty for a mesh of at most `coarsest` nodes, or without extent.
-#[must_use]
-pub fn auxiliary_hierarchy(mesh: &VolumeMesh, coarsest: usize) -> Vec<Prolongation> {
+/// Interpolations to the nodes of the mesh from a lattice, and from level to level below it. Empty for a mesh of few nodes, or
+/// without extent.
+pub(super) fn auxiliary_hierarchy(mesh: &VolumeMesh, options: &HierarchyOptions) -> Vec<Prolongation> {
     let spacing = WIDTH * cell_length(mesh);
     let Some((low, high)) = mesh.bounds() else { return Vec::new() };
     let fits = spacing > 0.0 && spacing.is_finite() && (0..3).all(|k| high[k] - low[k] < 1e6 * spacing);
-    if mesh.node_count() <= coarsest || !fits {
+    if mesh.node_count() <= options.coarsest || !fits {
         return Vec::new();
     }
     // nodes are off the walls between voxels, where rounding would choose for them
@@ -67,17 +66,7 @@ pub fn auxiliary_hierarchy(mesh: &VolumeMesh, coarsest: usize) -> Vec<Prolongati
     for (n, p) in mesh.nodes.iter().enumerate() {
         if used[n] {
             let t: [f64; 3] = std::array::from_fn(|k| (p[k] - origin[k]) / spacing - f64::from(place[n][k]));
-            let mut row: Vec<(u32, f64)> = Vec::with_capacity(8);
-            for (o, &node) in CORNERS.iter().zip(&level.cells[cell_of[n] as usize]) {
-                let w: f64 = (0..3).map(|k| if o[k] == 1 { t[k] } else { 1.0 - t[k] }).product();
-                match row.iter_mut().find(|e| e.0 == node) {
-                    Some(e) => e.1 += w,
-                    None => row.push((node, w)),
-                }
-            }
-            row.sort_by_key(|e| e.0);
-            first.column.extend(row.iter().map(|e| e.0));
-            first.weight.extend(row.iter().map(|e| e.1));
+            first.push_weights(&level.cells[cell_of[n] as usize], t, options.cells);
         }
         first.start.push(first.column.len() as u32);
     }
@@ -85,7 +74,7 @@ pub fn auxiliary_hierarchy(mesh: &VolumeMesh, coarsest: usize) -> Vec<Prolongati
         return Vec::new();
     }
     let mut levels = vec![first];
-    levels.extend(coarser(level, coarsest));
+    levels.extend(coarser(level, options));
     levels
 }
 
@@ -135,9 +124,15 @@ mod tests {
         let n = one.node_count() as u32;
         two.nodes.extend(one.nodes.iter().map(|p| [p[0], p[1] + 0.401, p[2]]));
         two.tets.extend(one.tets.iter().map(|t| t.map(|v| v + n)));
-        let levels = auxiliary_hierarchy(&two, 30);
+        for cells in [CellKind::Hex8, CellKind::Tet4] {
+            stay_apart(&two, n as usize, cells);
+        }
+    }
+
+    fn stay_apart(two: &VolumeMesh, n: usize, cells: CellKind) {
+        let levels = auxiliary_hierarchy(two, &HierarchyOptions { coarsest: 30, levels: None, cells });
         assert!(levels.len() >= 2, "{} levels", levels.len());
-        let mut side: Vec<usize> = (0..two.node_count()).map(|i| usize::from(i >= n as usize)).collect();
+        let mut side: Vec<usize> = (0..two.node_count()).map(|i| usize::from(i >= n)).collect();
         for p in &levels {
             let mut coarse = vec![usize::MAX; p.coarse_count];
             for (i, side) in side.iter().enumerate() {
@@ -154,8 +149,9 @@ mod tests {
 
     #[test]
     fn a_few_nodes_need_no_hierarchy() {
-        assert!(auxiliary_hierarchy(&VolumeMesh::default(), 10).is_empty());
+        let options = HierarchyOptions { coarsest: 100, ..HierarchyOptions::default() };
+        assert!(auxiliary_hierarchy(&VolumeMesh::default(), &options).is_empty());
         let small = bar([2, 1, 1], [0.2, 0.1, 0.1], CellKind::Tet4);
-        assert!(auxiliary_hierarchy(&small, 100).is_empty());
+        assert!(auxiliary_hierarchy(&small, &options).is_empty());
     }
 }

@@ -4,11 +4,42 @@
 //! share corners only across faces that fine cells share, so what is separate on the body stays separate on every level
 //! [Georgii2010 §3.2, nested grids].
 
+use super::auxiliary::auxiliary_hierarchy;
 use super::sets::Sets;
-use super::volume::VolumeMesh;
+use super::volume::{CellKind, VolumeMesh};
 use std::collections::BTreeMap;
 
-/// Trilinear interpolation from a coarse level to the next finer one: compressed rows, one per fine node.
+/// How many levels a hierarchy has, and what is between them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct HierarchyOptions {
+    /// Coarsening ends at so many nodes: few enough to factorise the rest densely in a few milliseconds. Default 150.
+    pub coarsest: usize,
+    /// Most levels, the body's own among them; `None` (default): as many as it takes.
+    pub levels: Option<usize>,
+    /// Cells of the coarse levels: voxels with trilinear weights, or each voxel cut into six tetrahedra, with linear ones. Both
+    /// contain the body.
+    pub cells: CellKind,
+}
+
+impl Default for HierarchyOptions {
+    fn default() -> Self {
+        Self { coarsest: 150, levels: None, cells: CellKind::Hex8 }
+    }
+}
+
+/// Interpolations from level to level, finest first: on the body's own lattice if it has one, otherwise on one laid under it.
+/// Empty for bodies of a few nodes.
+#[must_use]
+pub fn hierarchy(mesh: &VolumeMesh, options: &HierarchyOptions) -> Vec<Prolongation> {
+    let mut levels = lattice_hierarchy(mesh, options);
+    if levels.is_empty() {
+        levels = auxiliary_hierarchy(mesh, options);
+    }
+    levels.truncate(options.levels.map_or(usize::MAX, |n| n.saturating_sub(1)));
+    levels
+}
+
+/// Interpolation from a coarse level to the next finer one: compressed rows, one per fine node.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Prolongation {
     /// Number of coarse nodes.
@@ -24,6 +55,42 @@ pub struct Prolongation {
 impl Prolongation {
     pub(super) fn empty() -> Self {
         Self { coarse_count: 0, start: Vec::new(), column: Vec::new(), weight: Vec::new() }
+    }
+
+    /// Appends the weights of a point at `t` (0 to 1 along each edge) of a voxel: on its corners, or on those of the tetrahedron
+    /// of [Kuhn1960] it is in. The row is not ended.
+    pub(super) fn push_weights(&mut self, voxel: &[u32; 8], t: [f64; 3], cells: CellKind) {
+        let weights: [f64; 8] = match cells {
+            CellKind::Hex8 => {
+                CORNERS.map(|corner| (0..3).map(|k| if corner[k] == 1 { t[k] } else { 1.0 - t[k] }).product::<f64>())
+            }
+            CellKind::Tet4 => {
+                // from the lowest corner along the axes, the longest way first
+                let mut axes = [0, 1, 2];
+                axes.sort_by(|a, b| t[*b].total_cmp(&t[*a]));
+                let way = [1.0, t[axes[0]], t[axes[1]], t[axes[2]], 0.0];
+                let mut weights = [0.0; 8];
+                let mut corner = [0; 3];
+                for step in 0..4 {
+                    let at = CORNERS.iter().position(|c| *c == corner).expect("a corner of the voxel");
+                    weights[at] = way[step] - way[step + 1];
+                    if step < 3 {
+                        corner[axes[step]] = 1;
+                    }
+                }
+                weights
+            }
+        };
+        let mut row: Vec<(u32, f64)> = Vec::with_capacity(8);
+        for (w, &node) in weights.into_iter().zip(voxel).filter(|(w, _)| *w > 0.0) {
+            match row.iter_mut().find(|e| e.0 == node) {
+                Some(e) => e.1 += w,
+                None => row.push((node, w)),
+            }
+        }
+        row.sort_by_key(|e| e.0);
+        self.column.extend(row.iter().map(|e| e.0));
+        self.weight.extend(row.iter().map(|e| e.1));
     }
 }
 
@@ -45,23 +112,22 @@ impl Level {
     }
 }
 
-/// Interpolations from level to level, finest first, down to at most `coarsest` nodes or until coarsening stops helping.
-/// Empty for bodies without a lattice, or with tetrahedra.
-#[must_use]
-pub fn lattice_hierarchy(mesh: &VolumeMesh, coarsest: usize) -> Vec<Prolongation> {
+/// Levels of the body's own lattice, down to the coarsest or until coarsening stops helping. Empty for bodies without a lattice,
+/// or with tetrahedra.
+fn lattice_hierarchy(mesh: &VolumeMesh, options: &HierarchyOptions) -> Vec<Prolongation> {
     let Some(lattice) = mesh.lattice.as_ref().filter(|l| mesh.tets.is_empty() && l.voxel.len() == mesh.hexes.len())
     else {
         return Vec::new();
     };
     let level = Level { voxel: lattice.voxel.clone(), cells: mesh.hexes.clone(), node_count: mesh.node_count() };
-    coarser(level, coarsest)
+    coarser(level, options)
 }
 
 /// The levels below a lattice.
-pub(super) fn coarser(mut level: Level, coarsest: usize) -> Vec<Prolongation> {
+pub(super) fn coarser(mut level: Level, options: &HierarchyOptions) -> Vec<Prolongation> {
     let mut prolongations = Vec::new();
-    while level.node_count > coarsest {
-        let (coarse, prolongation) = coarsen(&level);
+    while level.node_count > options.coarsest {
+        let (coarse, prolongation) = coarsen(&level, options.cells);
         // pieces one voxel thick cannot be thinned for ever
         if 4 * coarse.node_count > 3 * level.node_count {
             break;
@@ -72,7 +138,7 @@ pub(super) fn coarser(mut level: Level, coarsest: usize) -> Vec<Prolongation> {
     prolongations
 }
 
-fn coarsen(fine: &Level) -> (Level, Prolongation) {
+fn coarsen(fine: &Level, cells: CellKind) -> (Level, Prolongation) {
     let parent = |v: [i32; 3]| v.map(|c| c.div_euclid(2));
     let faces = shared_faces(fine);
 
@@ -102,7 +168,7 @@ fn coarsen(fine: &Level) -> (Level, Prolongation) {
         }
     }
     let coarse = Level::of_corners(voxel, corner);
-    let prolongation = interpolate(fine, &coarse, &coarse_cell);
+    let prolongation = interpolate(fine, &coarse, &coarse_cell, cells);
     (coarse, prolongation)
 }
 
@@ -132,7 +198,7 @@ fn shared_faces(level: &Level) -> Vec<(usize, usize, usize)> {
     pairs
 }
 
-fn interpolate(fine: &Level, coarse: &Level, coarse_cell: &[u32]) -> Prolongation {
+fn interpolate(fine: &Level, coarse: &Level, coarse_cell: &[u32], cells: CellKind) -> Prolongation {
     // any cell of a node tells its place; the first one keeps the choice the same everywhere
     let mut home = vec![None; fine.node_count];
     for (c, cell) in fine.cells.iter().enumerate() {
@@ -146,25 +212,9 @@ fn interpolate(fine: &Level, coarse: &Level, coarse_cell: &[u32]) -> Prolongatio
         if let Some((c, i)) = place {
             let cc = coarse_cell[c] as usize;
             // coordinates in the coarse cell, in halves of its edge: 0, 1 or 2
-            let at: [i32; 3] = std::array::from_fn(|k| fine.voxel[c][k] + CORNERS[i][k] - 2 * coarse.voxel[cc][k]);
-            let mut row: Vec<(u32, f64)> = Vec::with_capacity(8);
-            for (corner, &node) in CORNERS.iter().zip(&coarse.cells[cc]) {
-                let w: f64 = (0..3)
-                    .map(|k| {
-                        let t = 0.5 * f64::from(at[k]);
-                        if corner[k] == 1 { t } else { 1.0 - t }
-                    })
-                    .product();
-                if w > 0.0 {
-                    match row.iter_mut().find(|e| e.0 == node) {
-                        Some(e) => e.1 += w,
-                        None => row.push((node, w)),
-                    }
-                }
-            }
-            row.sort_by_key(|e| e.0);
-            p.column.extend(row.iter().map(|e| e.0));
-            p.weight.extend(row.iter().map(|e| e.1));
+            let t =
+                std::array::from_fn(|k| 0.5 * f64::from(fine.voxel[c][k] + CORNERS[i][k] - 2 * coarse.voxel[cc][k]));
+            p.push_weights(&coarse.cells[cc], t, cells);
         }
         p.start.push(p.column.len() as u32);
     }
@@ -204,7 +254,8 @@ mod tests {
     #[test]
     fn pieces_in_one_coarse_voxel_stay_apart_and_linear_functions_survive() {
         let mesh = two_bars(16);
-        let levels = lattice_hierarchy(&mesh, 20);
+        let options = HierarchyOptions { coarsest: 20, ..HierarchyOptions::default() };
+        let levels = hierarchy(&mesh, &options);
         assert!(!levels.is_empty());
         let p = &levels[0];
         assert_eq!(p.start.len(), mesh.node_count() + 1);

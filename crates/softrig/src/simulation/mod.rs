@@ -11,7 +11,7 @@ mod stiffen;
 
 pub use checkpoint::{Checkpoint, CheckpointError};
 pub use motion::{ClipMotion, Motion, RestMotion};
-pub use settings::{FrameReport, SimulationSettings, SolverKind};
+pub use settings::{FrameReport, SimulationSettings, SolverKind, interpolations};
 pub use stiffen::stiffening;
 
 use crate::body::{Body, BodyError};

@@ -1,8 +1,8 @@
 //! How a simulation is computed, and what a frame reports.
 
 use crate::integrate::{Dynamics, StepOutput};
-use crate::mesh::{VolumeMesh, auxiliary_hierarchy, lattice_hierarchy};
-use softrig_linalg::solver::{Direct, Interpolation, Multigrid, Pcg};
+use crate::mesh::{HierarchyOptions, Prolongation, VolumeMesh, hierarchy};
+use softrig_linalg::solver::{Auto, Direct, Interpolation, Multigrid, Pcg};
 use softrig_linalg::{LinearSolver, Scalar};
 
 /// Which linear solver.
@@ -16,6 +16,8 @@ pub enum SolverKind {
     Pcg,
     /// Sparse Cholesky factorisation: for small or very stiff bodies.
     Direct,
+    /// `Multigrid` or `Pcg` for every solve, by counted work.
+    Auto,
 }
 
 impl SolverKind {
@@ -26,34 +28,32 @@ impl SolverKind {
             Self::Multigrid => "multigrid",
             Self::Pcg => "pcg",
             Self::Direct => "direct",
+            Self::Auto => "auto",
         }
     }
 
     /// The solver for a body of that mesh.
     #[must_use]
     pub fn build<R: Scalar>(self, mesh: &VolumeMesh) -> Box<dyn LinearSolver<R>> {
+        let multigrid = || Multigrid::new(interpolations(hierarchy(mesh, &HierarchyOptions::default())));
         match self {
-            Self::Multigrid => Box::new(Multigrid::new(hierarchy(mesh))),
+            Self::Multigrid => Box::new(multigrid()),
             Self::Pcg => Box::new(Pcg::default()),
             Self::Direct => Box::new(Direct::default()),
+            Self::Auto => Box::new(Auto::new(multigrid())),
         }
     }
 }
 
-/// Nodes of the coarsest level: few enough to factorise it densely in a few milliseconds.
-const COARSEST: usize = 150;
-
-fn hierarchy(mesh: &VolumeMesh) -> Vec<Interpolation> {
-    let level = |p: crate::mesh::Prolongation| Interpolation {
+/// Interpolations as the solvers take them.
+#[must_use]
+pub fn interpolations(levels: Vec<Prolongation>) -> Vec<Interpolation> {
+    let level = |p: Prolongation| Interpolation {
         coarse_count: p.coarse_count,
         start: p.start,
         column: p.column,
         weight: p.weight,
     };
-    let mut levels = lattice_hierarchy(mesh, COARSEST);
-    if levels.is_empty() {
-        levels = auxiliary_hierarchy(mesh, COARSEST);
-    }
     levels.into_iter().map(level).collect()
 }
 

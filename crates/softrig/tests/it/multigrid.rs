@@ -5,10 +5,11 @@ use softrig::force::ElasticModel;
 use softrig::integrate::{Dynamics, State, StepInput, StepOutput};
 use softrig::material::{Material, MaterialMap};
 use softrig::mesh::{
-    CellKind, LatticeOptions, Resolution, SurfaceMesh, VolumeMesh, bar as cut_bar, lattice_hierarchy, voxelize,
+    CellKind, HierarchyOptions, LatticeOptions, Resolution, SurfaceMesh, VolumeMesh, bar as cut_bar, hierarchy,
+    voxelize,
 };
-use softrig::simulation::SolverKind;
-use softrig_linalg::solver::{Direct, Interpolation, Multigrid, Pcg};
+use softrig::simulation::{SolverKind, interpolations};
+use softrig_linalg::solver::{Direct, Multigrid, Pcg};
 use softrig_linalg::{BlockCsr, BlockPattern, DofConstraints, LinearSolver};
 use std::sync::Arc;
 
@@ -25,12 +26,8 @@ fn bar(cells: usize) -> VolumeMesh {
 }
 
 fn multigrid(mesh: &VolumeMesh) -> Multigrid<f64> {
-    let levels = lattice_hierarchy(mesh, 100).into_iter();
-    Multigrid::new(
-        levels
-            .map(|p| Interpolation { coarse_count: p.coarse_count, start: p.start, column: p.column, weight: p.weight })
-            .collect(),
-    )
+    let options = HierarchyOptions { coarsest: 100, ..HierarchyOptions::default() };
+    Multigrid::new(interpolations(hierarchy(mesh, &options)))
 }
 
 /// K + M/h² of a bar held along an off-axis line and at one end, and a load.

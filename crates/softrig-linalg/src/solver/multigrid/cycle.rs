@@ -1,9 +1,10 @@
 //! The V-cycle.
 
+use super::SINGLE;
 use super::galerkin::{Galerkin, interpolate_add};
 use super::interpolation::Interpolation;
 use super::level::{Level, order_for};
-use super::settings::MultigridSettings;
+use super::settings::{MultigridSettings, Smoother};
 use crate::solver::free::FreePattern;
 use crate::solver::quads::Quads;
 use crate::solver::sliced::Fault;
@@ -80,6 +81,23 @@ impl Cycle {
     /// Rows of the finest level without a single entry.
     pub fn identity(&self) -> &[bool] {
         self.levels[0].identity()
+    }
+
+    /// Drops what it knows of earlier matrices.
+    pub fn forget(&mut self) {
+        self.levels.iter_mut().for_each(Level::forget);
+    }
+
+    /// Products with the finest matrix that a cycle and the iteration around it are worth, in f64.
+    pub fn work(&self, smoother: Smoother) -> f64 {
+        // smoothing before and after, the residual between, and the iteration's own product
+        let products = match smoother {
+            Smoother::Chebyshev { degree, .. } => 2 * degree.max(1) + 1,
+            Smoother::GaussSeidel { before, after } => before.max(1) + after + 2,
+        };
+        let blocks = |level: &Level| level.pattern.column.len() as f64;
+        let all: f64 = self.levels[..self.levels.len() - 1].iter().map(blocks).sum();
+        SINGLE * products as f64 * all / blocks(&self.levels[0]).max(1.0)
     }
 
     /// `q = A p` on the finest level; returns `pᵀ q`.

@@ -5,7 +5,9 @@
 
 use super::interpolation::Interpolation;
 use crate::solver::free::FreePattern;
+use crate::{Kernel, run_wide};
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Rows per task.
 const ROWS: usize = 128;
@@ -54,6 +56,12 @@ fn symbolic(rows: usize, columns: usize, visit: impl Fn(usize, &mut dyn FnMut(u3
         out.place_start.push(out.place.len() as u32);
     }
     out
+}
+
+impl Product {
+    fn row_count(&self) -> usize {
+        self.row_start.len() - 1
+    }
 }
 
 impl Galerkin {
@@ -110,28 +118,68 @@ impl Galerkin {
 
     /// Makes the coarse blocks for the fine ones.
     pub fn refresh(&mut self, fine: &FreePattern, fine_block: &(impl Fn(usize) -> [f32; 9] + Sync)) {
-        let (p, pt, ap, coarse) = (&self.p, &self.pt, &self.ap, &self.coarse);
-        rows_mut(&ap.row_start, 0, &mut self.ap_values, &|i, out| {
-            let mut at = ap.place_start[i] as usize;
-            for k in fine.row(i) {
-                let a = &fine_block(k);
-                for e in p.row(fine.column[k] as usize) {
-                    add(&mut out[ap.place[at] as usize], p.weight[e] as f32, a);
-                    at += 1;
-                }
+        let Self { p, pt, ap, coarse, ap_values, coarse_values } = self;
+        fill(0..ap.row_count(), ap_values, &FineTimesP { fine, fine_block, p, ap });
+        fill(0..coarse.row_count(), coarse_values, &Restrict { pt, ap, ap_values, coarse });
+    }
+}
+
+/// Rows of a sparse product, added up where they are wanted.
+trait Rows: Sync {
+    fn pattern(&self) -> &Product;
+    /// Adds row `i` to zeroed blocks. Must be `#[inline(always)]`.
+    fn add(&self, i: usize, out: &mut [[f32; 9]]);
+}
+
+/// `A P`.
+struct FineTimesP<'a, F> {
+    fine: &'a FreePattern,
+    fine_block: &'a F,
+    p: &'a Interpolation,
+    ap: &'a Product,
+}
+
+impl<F: Fn(usize) -> [f32; 9] + Sync> Rows for FineTimesP<'_, F> {
+    fn pattern(&self) -> &Product {
+        self.ap
+    }
+
+    #[inline(always)]
+    fn add(&self, i: usize, out: &mut [[f32; 9]]) {
+        let mut at = self.ap.place_start[i] as usize;
+        for k in self.fine.row(i) {
+            let a = (self.fine_block)(k);
+            for e in self.p.row(self.fine.column[k] as usize) {
+                add(&mut out[self.ap.place[at] as usize], self.p.weight[e] as f32, &a);
+                at += 1;
             }
-        });
-        let ap_values = &self.ap_values;
-        rows_mut(&coarse.row_start, 0, &mut self.coarse_values, &|c, out| {
-            let mut at = coarse.place_start[c] as usize;
-            for k in pt.row(c) {
-                let i = pt.column[k] as usize;
-                for a in &ap_values[ap.row_start[i] as usize..ap.row_start[i + 1] as usize] {
-                    add(&mut out[coarse.place[at] as usize], pt.weight[k] as f32, a);
-                    at += 1;
-                }
+        }
+    }
+}
+
+/// `Pᵀ (A P)`.
+struct Restrict<'a> {
+    pt: &'a Interpolation,
+    ap: &'a Product,
+    ap_values: &'a [[f32; 9]],
+    coarse: &'a Product,
+}
+
+impl Rows for Restrict<'_> {
+    fn pattern(&self) -> &Product {
+        self.coarse
+    }
+
+    #[inline(always)]
+    fn add(&self, i: usize, out: &mut [[f32; 9]]) {
+        let mut at = self.coarse.place_start[i] as usize;
+        for k in self.pt.row(i) {
+            let fine = self.pt.column[k] as usize;
+            for a in &self.ap_values[self.ap.row_start[fine] as usize..self.ap.row_start[fine + 1] as usize] {
+                add(&mut out[self.coarse.place[at] as usize], self.pt.weight[k] as f32, a);
+                at += 1;
             }
-        });
+        }
     }
 }
 
@@ -142,24 +190,34 @@ fn add(sum: &mut [f32; 9], w: f32, a: &[f32; 9]) {
     }
 }
 
-/// Calls `fill(row, blocks of the row)` on zeroed blocks for all rows of `row_start`, on all threads.
-fn rows_mut(row_start: &[u32], first: usize, values: &mut [[f32; 9]], fill: &(impl Fn(usize, &mut [[f32; 9]]) + Sync)) {
-    let rows = row_start.len() - 1;
-    if rows > ROWS {
-        let half = rows / 2;
-        let (a, b) = values.split_at_mut((row_start[half] - row_start[0]) as usize);
-        rayon::join(
-            || rows_mut(&row_start[..=half], first, a, fill),
-            || rows_mut(&row_start[half..], first + half, b, fill),
-        );
+/// Makes the blocks of some rows on all threads; halves the work between them.
+fn fill<P: Rows>(range: Range<usize>, values: &mut [[f32; 9]], rows: &P) {
+    if range.len() > ROWS {
+        let half = range.start + range.len() / 2;
+        let start = &rows.pattern().row_start;
+        let (a, b) = values.split_at_mut((start[half] - start[range.start]) as usize);
+        rayon::join(|| fill(range.start..half, a, rows), || fill(half..range.end, b, rows));
         return;
     }
-    values.fill([0.0; 9]);
-    let mut rest = values;
-    for i in 0..rows {
-        let (row, tail) = rest.split_at_mut((row_start[i + 1] - row_start[i]) as usize);
-        fill(first + i, row);
-        rest = tail;
+    run_wide::<f32, _>(Fill { rows, range, values });
+}
+
+struct Fill<'a, P> {
+    rows: &'a P,
+    range: Range<usize>,
+    values: &'a mut [[f32; 9]],
+}
+
+impl<P: Rows> Kernel for Fill<'_, P> {
+    type Output = ();
+    #[inline(always)]
+    fn run<const W: usize>(self) {
+        let start = &self.rows.pattern().row_start;
+        let first = start[self.range.start];
+        self.values.fill([0.0; 9]);
+        for i in self.range {
+            self.rows.add(i, &mut self.values[(start[i] - first) as usize..(start[i + 1] - first) as usize]);
+        }
     }
 }
 

@@ -16,8 +16,8 @@ use std::ops::Range;
 const CHUNKS: usize = 4;
 /// The power iteration finds the largest eigenvalue from below.
 const SAFETY: f32 = 1.1;
-/// Power iterations.
-const POWER_STEPS: usize = 15;
+/// Power iterations from nothing, and from where those of the last matrix ended: turning the cells changes little.
+const POWER_STEPS: [usize; 2] = [15, 3];
 
 #[derive(Debug)]
 pub(super) struct Level {
@@ -35,6 +35,8 @@ pub(super) struct Level {
     identity: Vec<bool>,
     /// Largest eigenvalue of `D⁻¹ A`, with safety.
     largest: f32,
+    /// Where the last power iteration ended; empty when there was none.
+    eigenvector: Vec<[f32; 4]>,
     partial: Vec<f64>,
     /// Right-hand side, solution, residual, and two directions.
     pub b: Quads<f32>,
@@ -62,6 +64,7 @@ impl Level {
             inverse: vec![[[0.0; 4]; 3]; n],
             identity: vec![false; n],
             largest: 1.0,
+            eigenvector: Vec::with_capacity(n),
             partial: vec![0.0; n.div_ceil(ROWS)],
             b: Quads::zero(n),
             x: Quads::zero(n),
@@ -114,14 +117,19 @@ impl Level {
         if matches!(self.smoother, Smoother::GaussSeidel { .. }) {
             return;
         }
-        // a start that is no eigenvector of anything regular, and the same everywhere
-        for (i, d) in self.d.get_mut().iter_mut().enumerate() {
-            let h = (i as u32).wrapping_mul(2_654_435_761) >> 8;
-            let v = |k: u32| ((h.wrapping_mul(k) >> 4) & 1023) as f32 / 512.0 - 1.0;
-            *d = [v(3), v(5), v(7), 0.0];
+        let known = !self.eigenvector.is_empty();
+        if known {
+            self.d.get_mut().copy_from_slice(&self.eigenvector);
+        } else {
+            // a start that is no eigenvector of anything regular, and the same everywhere
+            for (i, d) in self.d.get_mut().iter_mut().enumerate() {
+                let h = (i as u32).wrapping_mul(2_654_435_761) >> 8;
+                let v = |k: u32| ((h.wrapping_mul(k) >> 4) & 1023) as f32 / 512.0 - 1.0;
+                *d = [v(3), v(5), v(7), 0.0];
+            }
         }
         let mut largest = 1.0f64;
-        for _ in 0..POWER_STEPS {
+        for _ in 0..POWER_STEPS[usize::from(known)] {
             let norm = square(self.d.get()).sqrt();
             if !(norm > 0.0 && norm.is_finite()) {
                 break;
@@ -135,7 +143,17 @@ impl Level {
             }
             largest = square(self.d.get()).sqrt();
         }
-        self.largest = if largest.is_finite() && largest > 0.0 { SAFETY * largest as f32 } else { 2.0 };
+        let good = largest.is_finite() && largest > 0.0;
+        self.largest = if good { SAFETY * largest as f32 } else { 2.0 };
+        self.eigenvector.clear();
+        if good {
+            self.eigenvector.extend_from_slice(self.d.get());
+        }
+    }
+
+    /// Drops what it knows of earlier matrices.
+    pub fn forget(&mut self) {
+        self.eigenvector.clear();
     }
 
     /// Smoothing of `A x = b` from `x = 0`; leaves the residual in `r`.

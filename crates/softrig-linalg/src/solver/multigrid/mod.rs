@@ -22,13 +22,18 @@ pub(super) use cycle::Cycle;
 
 use super::free::FreePattern;
 use super::pcg::{Pcg, Source};
-use super::{LinearSolver, LinearSystem, SolveError, SolveReport};
+use super::{LinearSolver, LinearSystem, SolveError, SolveReport, Stored};
 use crate::{BlockCsr, BlockPattern, DofConstraints, Scalar};
 use level::order_for;
 use std::sync::Arc;
 
 /// Below this tolerance the iteration runs in the caller's numbers: f32 would have to start again too often.
 const BELOW_SINGLE: f64 = 1e-5;
+
+/// Loading a system and the coarse operators that have to be made now and then, in products in f64.
+const SETUP_WORK: f64 = 6.0;
+/// A product in f32 in products in f64: half the bytes.
+const SINGLE: f64 = 0.5;
 
 /// Conjugate gradients preconditioned by one multigrid V-cycle, or cycles alone.
 #[derive(Debug)]
@@ -76,6 +81,12 @@ impl<R: Scalar> Multigrid<R> {
             built: Vec::new(),
             turned: Vec::new(),
         }
+    }
+
+    /// What a solve of so many iterations costs, in products with the matrix of the system by one that is stored in f64.
+    pub(super) fn work(&self, iterations: usize) -> f64 {
+        self.cycle.as_ref().map_or(iterations as f64, |c| c.work(self.settings.smoother) * iterations as f64)
+            + SETUP_WORK
     }
 
     /// In the caller's numbers: where there is nothing to coarsen, and where f32 has failed.
@@ -216,6 +227,10 @@ impl<R: Scalar> LinearSolver<R> for Multigrid<R> {
 
     fn forget(&mut self) {
         self.fresh = None;
+        self.built.clear();
+        if let Some(cycle) = &mut self.cycle {
+            cycle.forget();
+        }
     }
 }
 
@@ -230,13 +245,4 @@ fn exact_solver<'a, R: Scalar>(
         made.prepare_free(&prepared.pattern, FreePattern::in_order(&prepared.pattern, prepared.order.clone()));
         made
     }))
-}
-
-/// A matrix that is there already.
-struct Stored<'a, R>(&'a BlockCsr<R>);
-
-impl<R> LinearSystem<R> for Stored<'_, R> {
-    fn assembled(&mut self) -> &BlockCsr<R> {
-        self.0
-    }
 }

@@ -66,6 +66,9 @@ impl<R: Scalar> Default for Pcg<R> {
 }
 
 impl<R: Scalar> Pcg<R> {
+    /// Loading a system and its true residual, in products.
+    pub(super) const SETUP_WORK: f64 = 2.0;
+
     /// With the default iteration limit.
     #[must_use]
     pub fn new() -> Self {
