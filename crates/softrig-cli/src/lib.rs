@@ -56,17 +56,8 @@ fn execute(cli: &Cli) -> Outcome {
         Command::Bake(a) => commands::bake::run(a),
         Command::Render(a) => commands::render::run(a),
         Command::Convert(a) => commands::convert::run(a),
-        Command::Bench(a) => {
-            let shared = a.shared.clone().or_else(|| std::env::var_os("SOFTRIG_SHARED").map(Into::into));
-            let shared = shared.unwrap_or_else(|| "../shared".into());
-            commands::bench::run(
-                &a.names,
-                a.solver.unwrap_or_default().into(),
-                rayon::current_num_threads(),
-                a.json,
-                &shared,
-            )
-        }
+        Command::Bench(a) => commands::bench::run(a),
+        Command::Papers(a) => commands::papers::run(a),
         Command::Completions(a) => commands::completions::run(a),
     }
 }

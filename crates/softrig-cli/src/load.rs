@@ -5,7 +5,7 @@ use crate::scene::{self, Import, Scene};
 use softrig::character::Character;
 use softrig::mesh::VolumeMesh;
 use softrig_io::{ImportError, ImportOptions, UpAxis};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// What a file is, by its ending.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -36,6 +36,13 @@ pub fn kind(path: &Path) -> FileKind {
         "softrig-journal" => FileKind::Journal,
         _ => FileKind::Character,
     }
+}
+
+/// The folder of files that measurements and papers use and that are not part of softrig: as given, or named by the environment.
+#[must_use]
+pub fn shared_folder(given: Option<&Path>) -> PathBuf {
+    let named = || std::env::var_os("SOFTRIG_SHARED").map(PathBuf::from);
+    given.map(Path::to_owned).or_else(named).unwrap_or_else(|| "../shared".into())
 }
 
 /// The scene a file stands for: itself, or the defaults for a bare character.

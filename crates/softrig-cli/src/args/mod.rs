@@ -5,7 +5,7 @@ mod values;
 
 pub use bake::{BakeArgs, BodyArgs, ImportArgs};
 pub use values::{
-    DynamicsName, FrameRange, KindName, PictureSize, Precision, SolverName, Stress, UpAxis, preset_named,
+    DynamicsName, FrameRange, KindName, PaperName, PictureSize, Precision, SolverName, Stress, UpAxis, preset_named,
 };
 
 use clap::{Args, Parser, Subcommand};
@@ -53,6 +53,8 @@ pub enum Command {
     Convert(ConvertArgs),
     /// Measures softrig on standard bodies
     Bench(BenchArgs),
+    /// Reproduces tables and figures of the papers softrig implements, as CSV files and plots
+    Papers(PapersArgs),
     /// Prints a completion script for a shell
     Completions(CompletionsArgs),
 }
@@ -193,7 +195,7 @@ pub struct ConvertArgs {
 /// `softrig bench`.
 #[derive(Debug, Args)]
 pub struct BenchArgs {
-    /// Bodies to measure: bar, cow [default: all]
+    /// Bodies to measure: bar, cow, bar_s, bar_m, bar_l, dragon, and character_N with N cells, as in character_8k [default: bar cow]
     pub names: Vec<String>,
     /// Linear solver [default: multigrid]
     #[arg(long, value_name = "NAME")]
@@ -201,9 +203,30 @@ pub struct BenchArgs {
     /// Print one JSON object for each body
     #[arg(long)]
     pub json: bool,
-    /// Folder that holds `bench/` with the standard bodies [default: $SOFTRIG_SHARED, or else ../shared]
+    /// Folder that holds `bench/` and `data/` with the bodies that are read [default: $SOFTRIG_SHARED, or else ../shared]
     #[arg(long, value_name = "DIR")]
     pub shared: Option<PathBuf>,
+}
+
+/// `softrig papers`.
+#[derive(Debug, Args)]
+pub struct PapersArgs {
+    /// Which papers [default: all]
+    #[arg(value_name = "PAPER")]
+    pub papers: Vec<PaperName>,
+    /// Folder for the results, one folder in it for each paper
+    #[arg(short, long, value_name = "DIR", default_value = "softrig-papers")]
+    pub output: PathBuf,
+    /// Small bodies and few steps: to see that everything works, not for the figures
+    #[arg(long)]
+    pub quick: bool,
+    /// Folder that holds `data/` with the bodies of the papers [default: $SOFTRIG_SHARED, or else ../shared]; what is not there is
+    /// replaced by the built-in character
+    #[arg(long, value_name = "DIR")]
+    pub shared: Option<PathBuf>,
+    /// Replace the results of an earlier run
+    #[arg(long)]
+    pub force: bool,
 }
 
 /// `softrig completions`.

@@ -69,6 +69,13 @@ impl From<SolverName> for SolverKind {
     }
 }
 
+/// A paper whose figures are reproduced.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum PaperName {
+    /// Georgii, Lagler, Dick, Westermann 2010: multigrid with skeletal constraints
+    G10,
+}
+
 /// Numbers the simulation computes with.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]

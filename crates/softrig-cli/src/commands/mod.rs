@@ -7,4 +7,5 @@ pub mod convert;
 pub mod demo;
 pub mod inspect;
 pub mod mesh;
+pub mod papers;
 pub mod render;

@@ -85,6 +85,14 @@ impl<R: Scalar> LinearSolver<R> for Auto<R> {
         Ok(())
     }
 
+    fn bytes_per_iteration(&self) -> usize {
+        if self.classes.iter().any(|c| c.plain) {
+            self.pcg.bytes_per_iteration()
+        } else {
+            self.multigrid.bytes_per_iteration()
+        }
+    }
+
     fn forget(&mut self) {
         self.multigrid.forget();
         self.classes.clear();

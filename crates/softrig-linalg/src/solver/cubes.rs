@@ -81,6 +81,12 @@ impl<A: Scalar> FreeCubes<A> {
         Self { blocks, force, diagonal: vec![A::zero(); rows], pattern: pattern.clone(), slot_start, slot }
     }
 
+    /// What a product reads and writes [bytes].
+    pub fn bytes(&self) -> usize {
+        let forces = 2 * size_of_val(&self.force[..]);
+        size_of_val(&self.blocks[..]) + forces + size_of_val(&self.slot[..]) + size_of_val(&self.diagonal[..])
+    }
+
     pub fn belongs_to(&self, pattern: &Arc<CubePattern>) -> bool {
         Arc::ptr_eq(&self.pattern, pattern)
     }

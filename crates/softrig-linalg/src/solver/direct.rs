@@ -220,7 +220,8 @@ impl<R: Scalar> Prepared<R> {
         solution: &mut [[R; 3]],
         tolerance: f64,
     ) -> Result<SolveReport, SolveError> {
-        let report = |residual| SolveReport { solver: "direct", iterations: 0, residual, converged: true };
+        let report =
+            |residual| SolveReport { solver: "direct", iterations: 0, residual, converged: true, rebuilt: false };
         let scale = self.pattern.scale_of(rhs)?;
         let (Some(factor), Some(scale)) = (&mut self.factor, scale) else {
             solution.fill([R::zero(); 3]);

@@ -31,6 +31,8 @@ pub struct SolveReport {
     pub residual: f64,
     /// Whether `residual` is at most the tolerance asked for.
     pub converged: bool,
+    /// Whether coarse operators were made anew for it.
+    pub rebuilt: bool,
 }
 
 /// Why a system could not be solved. The solution passed in is unchanged.
@@ -108,6 +110,11 @@ pub trait LinearSolver<R>: Send {
 
     /// Drops what a solve may keep from earlier ones, so that the next one depends on its arguments only.
     fn forget(&mut self) {}
+
+    /// What an iteration reads and writes, by count [bytes]; 0 for solvers that do not count it.
+    fn bytes_per_iteration(&self) -> usize {
+        0
+    }
 
     /// Numeric solve from a zero start. `rhs` and `solution` have one `[R; 3]` per node; `rhs` of constrained nodes is ignored.
     ///

@@ -72,6 +72,11 @@ impl<A: Scalar> Sliced<A> {
         Self { layout, values }
     }
 
+    /// What a product reads of the matrix [bytes].
+    pub fn bytes(&self) -> usize {
+        self.values.len() * (size_of::<Step<A>>() + size_of::<[u32; SLICE]>())
+    }
+
     /// Number of chunks.
     pub fn chunk_count(&self) -> usize {
         self.layout.chunk.len() - 1

@@ -33,7 +33,7 @@ pub use embed::EmbedReport;
 pub use embedding::Embedding;
 pub use error::MeshError;
 pub use hierarchy::{HierarchyOptions, Prolongation, hierarchy};
-pub use nested::{embedded_hierarchy, refined};
+pub use nested::{embedded_hierarchy, nested_hierarchy, refined};
 pub use order::renumbered;
 pub use samples::{SurfaceSample, surface_samples};
 pub use surface::{SurfaceDefects, SurfaceMesh};

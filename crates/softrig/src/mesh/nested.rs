@@ -1,7 +1,7 @@
 //! Hierarchies of tetrahedral meshes: refined from a coarse one, or made independently of each other [Georgii2010 §3.2].
 
 use super::shape::tet_volume6;
-use super::{Embedding, MeshError, Prolongation, VolumeMesh};
+use super::{Embedding, MeshError, Prolongation, VolumeMesh, renumbered};
 use glam::DVec3;
 use std::collections::BTreeMap;
 
@@ -69,6 +69,34 @@ pub fn refined(mesh: &VolumeMesh) -> Result<(VolumeMesh, Prolongation), MeshErro
         }
     }
     Ok((fine, p))
+}
+
+/// A mesh refined some times, numbered along a space-filling curve on every level ([`renumbered`]), and the interpolations between
+/// its levels, finest first.
+///
+/// # Errors
+/// As [`refined`].
+pub fn nested_hierarchy(
+    coarsest: &VolumeMesh,
+    refinements: usize,
+) -> Result<(VolumeMesh, Vec<Prolongation>), MeshError> {
+    let mut mesh = renumbered(coarsest).0;
+    let mut levels = Vec::new();
+    for _ in 0..refinements {
+        let (fine, p) = refined(&mesh)?;
+        let (ordered, old) = renumbered(&fine);
+        let mut sorted = Prolongation { start: vec![0], ..Prolongation::empty() };
+        sorted.coarse_count = p.coarse_count;
+        for n in old {
+            let row = p.start[n as usize] as usize..p.start[n as usize + 1] as usize;
+            sorted.column.extend_from_slice(&p.column[row.clone()]);
+            sorted.weight.extend_from_slice(&p.weight[row]);
+            sorted.start.push(sorted.column.len() as u32);
+        }
+        levels.insert(0, sorted);
+        mesh = ordered;
+    }
+    Ok((mesh, levels))
 }
 
 /// Interpolations between meshes made independently of each other, finest first: each node of a mesh hangs on the cell of the next

@@ -379,6 +379,12 @@ impl<R: Scalar> Simulation<R> {
         }
     }
 
+    /// Puts something around the linear solver, to watch it at work.
+    pub fn wrap_solver(&mut self, wrap: impl FnOnce(Box<dyn LinearSolver<R>>) -> Box<dyn LinearSolver<R>>) {
+        let inner = std::mem::replace(&mut self.solver, Box::new(softrig_linalg::solver::Pcg::new()));
+        self.solver = wrap(inner);
+    }
+
     /// Pose of the skeleton at the current time.
     #[must_use]
     pub fn pose(&self) -> &Pose {

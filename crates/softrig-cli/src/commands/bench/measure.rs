@@ -1,7 +1,8 @@
 //! One body, measured: half a second of falling under its own weight.
 
 use super::body::BenchBody;
-use super::stages::{Clocks, TimedModel, TimedSolver};
+use super::machine::bandwidth;
+use super::stages::{Clocks, Taken, TimedModel, TimedSolver};
 use crate::failure::Failure;
 use crate::report::peak_rss_mib;
 use serde::Serialize;
@@ -10,7 +11,8 @@ use softrig::force::ElasticModel;
 use softrig::integrate::{Implicit, Integrator, Scheme, State, StepInput, StepOutput, initial_acceleration};
 use softrig::material::{Material, MaterialMap};
 use softrig::simulation::SolverKind;
-use softrig_linalg::{DofConstraints, LinearSolver, Scalar};
+use softrig_linalg::{BlockCsr, DofConstraints, LinearSolver, Scalar};
+use std::collections::BTreeMap;
 use std::hash::Hasher;
 use std::sync::Arc;
 use std::time::Instant;
@@ -33,21 +35,36 @@ pub struct Time {
 /// Where a step's time goes [ms].
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Stages {
-    /// Rotations and internal forces, before and after the solve.
-    pub force_ms: Time,
-    /// Assembling the stiffness matrix.
-    pub matrix_ms: Time,
-    /// The linear solve.
+    /// Rotations of the cells.
+    pub rotations_ms: Time,
+    /// Internal forces, before and after the solve.
+    pub forces_ms: Time,
+    /// Assembling the stiffness matrix, or what stands for it.
+    pub assembly_ms: Time,
+    /// The linear solves, rebuilds of coarse operators included.
     pub solve_ms: Time,
+    /// Carrying the skin; zero for bodies without one.
+    pub embedding_ms: Time,
     /// Everything else of the step.
     pub other_ms: Time,
+}
+
+/// Memory traffic of the solves.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Traffic {
+    /// What the iterations of a step read and write, by count [MB].
+    pub megabytes_a_step: f64,
+    /// The same over the fastest solve [GB/s].
+    pub gigabytes_a_second: f64,
+    /// What all threads read of a buffer as large as an iteration's traffic, measured [GB/s].
+    pub machine_gigabytes_a_second: f64,
 }
 
 /// What `softrig bench NAME --json` prints.
 #[derive(Clone, Debug, Serialize)]
 pub struct Measurement {
     /// Name of the body.
-    pub name: &'static str,
+    pub name: String,
     /// Number of cells.
     pub cells: usize,
     /// Number of nodes.
@@ -70,46 +87,129 @@ pub struct Measurement {
     pub iterations: usize,
     /// Largest true relative residual [-].
     pub residual: f64,
+    /// Solves by each solver.
+    pub solves_by: BTreeMap<&'static str, usize>,
     /// Where the time goes.
     pub stages: Stages,
+    /// Steps in which the coarse operators were rebuilt.
+    pub rebuilds: usize,
+    /// Time of one rebuild [ms]; absent for solvers without.
+    pub galerkin_ms: Option<f64>,
+    /// Time to exchange the bound nodes of a body that is being simulated [ms]; absent for characters.
+    pub constraints_ms: Option<f64>,
+    /// Memory traffic of the solves; absent for solvers that do not count it.
+    pub traffic: Option<Traffic>,
     /// Largest memory of this process so far [MiB]; absent where the system does not tell.
     pub peak_rss_mib: Option<f64>,
-    /// Mean displacement of the free end (bar) or the head (cow) after 0.25 and 0.5 s [m].
+    /// Mean displacement of the free end (bar) or the top (cow, dragon) after 0.25 and 0.5 s [m]; zero for characters.
     pub tip_displacement_m: [[f64; 3]; 2],
     /// Hash of the bits of all positions at the end.
     pub state_hash: String,
+}
+
+/// Collects the steps of a run.
+#[derive(Default)]
+pub struct Record {
+    /// Whole step, rotations, forces, assembly, solve, embedding, other [ms].
+    times: [Vec<f64>; 7],
+    iterations: Vec<usize>,
+    residual: f64,
+    rebuilds: usize,
+}
+
+impl Record {
+    /// Adds a step; `whole` and `embedding` in ms.
+    pub fn add(&mut self, whole: f64, embedding: f64, taken: Taken, iterations: usize, residual: f64) {
+        let [rotations, forces, assembly, solve] = taken.times;
+        let other = whole - rotations - forces - assembly - solve - embedding;
+        for (list, t) in self.times.iter_mut().zip([whole, rotations, forces, assembly, solve, embedding, other]) {
+            list.push(t);
+        }
+        self.iterations.push(iterations);
+        self.residual = self.residual.max(residual);
+        self.rebuilds += usize::from(taken.rebuilds > 0);
+    }
+
+    /// What is printed.
+    pub fn measurement(
+        mut self,
+        name: &str,
+        size: [usize; 2],
+        solver: &'static str,
+        clocks: &Clocks,
+        bytes: usize,
+    ) -> Measurement {
+        self.iterations.sort_unstable();
+        let iterations = self.iterations[self.iterations.len() / 2];
+        let [step, rotations_ms, forces_ms, assembly_ms, solve_ms, embedding_ms, other_ms] = self.times.map(statistics);
+        let traffic = (bytes > 0 && iterations > 0).then(|| {
+            let total = (bytes * iterations) as f64;
+            Traffic {
+                megabytes_a_step: tenths(total * 1e-6),
+                gigabytes_a_second: tenths(total / solve_ms.min * 1e-6),
+                machine_gigabytes_a_second: tenths(bandwidth(bytes)),
+            }
+        });
+        Measurement {
+            name: name.into(),
+            cells: size[0],
+            nodes: size[1],
+            threads: rayon::current_num_threads(),
+            solver,
+            precision: f64::NAME,
+            instructions: format!("{:?}", softrig_linalg::Instructions::best()).to_lowercase(),
+            steps: self.iterations.len(),
+            step_ms_median: step.median,
+            step_ms_min: step.min,
+            iterations,
+            residual: self.residual,
+            solves_by: clocks.solves(),
+            stages: Stages { rotations_ms, forces_ms, assembly_ms, solve_ms, embedding_ms, other_ms },
+            rebuilds: self.rebuilds,
+            galerkin_ms: None,
+            constraints_ms: None,
+            traffic,
+            peak_rss_mib: peak_rss_mib().map(tenths),
+            tip_displacement_m: [[0.0; 3]; 2],
+            state_hash: String::new(),
+        }
+    }
+}
+
+fn tenths(v: f64) -> f64 {
+    (10.0 * v).round() / 10.0
+}
+
+/// Milliseconds since then.
+pub fn since(start: Instant) -> f64 {
+    start.elapsed().as_secs_f64() * 1e3
 }
 
 /// Runs the body in f64: Newmark with one linearisation, h = 1/60 s, undamped, true residual 1e-3.
 ///
 /// # Errors
 /// [`Failure::Simulation`] when a step fails.
-pub fn measure(bench: BenchBody, solver: SolverKind, threads: usize) -> Result<Measurement, Failure> {
-    run::<f64>(bench, solver, threads)
-}
-
-fn run<R: Scalar>(bench: BenchBody, solver: SolverKind, threads: usize) -> Result<Measurement, Failure> {
+pub fn measure(bench: BenchBody, kind: SolverKind) -> Result<Measurement, Failure> {
     let failed = |e: &dyn std::error::Error| Failure::Simulation(format!("bench {}: {e}", bench.name));
-    let (name, cells, nodes) = (bench.name, bench.mesh.cell_count(), bench.mesh.node_count());
+    let size = [bench.mesh.cell_count(), bench.mesh.node_count()];
     let material =
         Material { young_modulus: 1e5, poisson_ratio: 0.4, density: 1000.0, mass_damping: 0.0, stiffness_damping: 0.0 };
-    let rest: Vec<[R; 3]> = bench.mesh.nodes.iter().map(|x| x.map(R::from_f64)).collect();
+    let rest = bench.mesh.nodes.clone();
     let constraints = DofConstraints::from_mask(bench.fixed.clone());
-    let body = Body::<R>::new(bench.mesh, &MaterialMap::uniform(material), ElasticModel::Corotated, constraints);
+    let body = Body::<f64>::new(bench.mesh, &MaterialMap::uniform(material), ElasticModel::Corotated, constraints);
     let body = body.map_err(|e| failed(&e))?;
     let clocks = Arc::new(Clocks::default());
     let model = TimedModel { inner: body.model, clocks: clocks.clone() };
     let mut body = Body { model: Box::new(model), ..body };
-    let mut solver = TimedSolver { inner: solver.build::<R>(&body.mesh), clocks: clocks.clone() };
+    let mut solver = TimedSolver { inner: kind.build::<f64>(&body.mesh), clocks: clocks.clone() };
     let mut integrator = Implicit::new(Scheme::Newmark { beta: 0.25, gamma: 0.5 }, 1);
     let weight = body.weight([0.0, -9.81, 0.0]);
-    let still = vec![[R::zero(); 3]; nodes];
+    let still = vec![[0.0; 3]; rest.len()];
     let mut state = State::at_rest(rest.clone());
     initial_acceleration(&mut body, &weight, &mut state).map_err(|e| failed(&e))?;
 
     let mut output = StepOutput::default();
-    let (mut iterations, mut residual) = (Vec::new(), 0.0_f64);
-    let mut times: [Vec<f64>; 5] = Default::default();
+    let mut record = Record::default();
     let mut tip_displacement_m = [[0.0; 3]; 2];
     for step in 0..STEPS {
         clocks.take();
@@ -122,40 +222,57 @@ fn run<R: Scalar>(bench: BenchBody, solver: SolverKind, threads: usize) -> Resul
             tolerance: 1e-3,
         };
         integrator.step(&mut body, &mut solver, &input, &mut state, &mut output).map_err(|e| failed(&e))?;
-        let whole = start.elapsed().as_secs_f64() * 1e3;
-        let [force, matrix, solve] = clocks.take();
+        let (whole, taken) = (since(start), clocks.take());
         if step > 0 {
             // the first step also allocates and does the symbolic work
-            for (list, t) in times.iter_mut().zip([whole, force, matrix, solve, whole - force - matrix - solve]) {
-                list.push(t);
-            }
+            record.add(whole, 0.0, taken, output.iterations, output.residual);
         }
-        iterations.push(output.iterations);
-        residual = residual.max(output.residual);
         if let Some(look) = LOOKS.iter().position(|s| *s == step + 1) {
             tip_displacement_m[look] = mean_displacement(&bench.tip, &rest, &state.position);
         }
     }
-    iterations.sort_unstable();
-    let [step, force_ms, matrix_ms, solve_ms, other_ms] = times.map(statistics);
-    Ok(Measurement {
-        name,
-        cells,
-        nodes,
-        threads,
-        solver: LinearSolver::<R>::name(&solver),
-        precision: R::NAME,
-        instructions: format!("{:?}", softrig_linalg::Instructions::best()).to_lowercase(),
-        steps: STEPS,
-        step_ms_median: step.median,
-        step_ms_min: step.min,
-        iterations: iterations[iterations.len() / 2],
-        residual,
-        stages: Stages { force_ms, matrix_ms, solve_ms, other_ms },
-        peak_rss_mib: peak_rss_mib().map(|mib| (10.0 * mib).round() / 10.0),
-        tip_displacement_m,
-        state_hash: hash(&state.position),
-    })
+    let bytes = solver.bytes_per_iteration();
+    let name = LinearSolver::<f64>::name(&solver);
+    let mut m = record.measurement(bench.name, size, name, &clocks, bytes);
+    (m.galerkin_ms, m.constraints_ms) = extras(&mut body, &mut *solver.inner, &weight).map_err(|e| failed(&e))?;
+    Ok(Measurement { tip_displacement_m, state_hash: hash(&state.position), ..m })
+}
+
+/// Rounds whose median counts.
+const ROUNDS: usize = 5;
+
+/// Time of a rebuild of the coarse operators, where there are any, and of exchanging the bound nodes [ms].
+fn extras(
+    body: &mut Body<f64>,
+    solver: &mut dyn LinearSolver<f64>,
+    load: &[[f64; 3]],
+) -> Result<(Option<f64>, Option<f64>), softrig_linalg::SolveError> {
+    let mut matrix = BlockCsr::zero(body.pattern.clone());
+    body.model.stiffness(0.0, 0.0, &mut matrix);
+    for (n, m) in body.mass.iter().enumerate() {
+        let at = body.pattern.diagonal()[n] as usize;
+        (0..3).for_each(|k| matrix.values[at][4 * k] += 14_400.0 * m);
+    }
+    let mut x = vec![[0.0; 3]; load.len()];
+    let mut times: [Vec<f64>; 3] = Default::default();
+    let mut rebuilt = false;
+    for _ in 0..ROUNDS {
+        solver.forget();
+        for (k, times) in times[..2].iter_mut().enumerate() {
+            let start = Instant::now();
+            let report = solver.solve(&matrix, load, &mut x, 1e-3)?;
+            times.push(since(start));
+            rebuilt |= k == 0 && report.rebuilt;
+        }
+        // every other bound node is let go, and bound again
+        let fewer = body.constraints.mask().iter().enumerate().map(|(n, held)| *held && n % 2 == 0).collect();
+        let start = Instant::now();
+        solver.prepare(&body.pattern, &DofConstraints::from_mask(fewer))?;
+        solver.prepare(&body.pattern, &body.constraints)?;
+        times[2].push(0.5 * since(start));
+    }
+    let [first, second, change] = times.map(|t| statistics(t).median);
+    Ok((rebuilt.then_some((first - second).max(0.0)), Some(change)))
 }
 
 fn statistics(mut t: Vec<f64>) -> Time {
@@ -164,13 +281,12 @@ fn statistics(mut t: Vec<f64>) -> Time {
     Time { median: rounded(t[t.len() / 2]), min: rounded(t[0]) }
 }
 
-fn mean_displacement<R: Scalar>(tip: &[usize], rest: &[[R; 3]], now: &[[R; 3]]) -> [f64; 3] {
-    std::array::from_fn(|c| {
-        tip.iter().map(|i| now[*i][c].to_f64() - rest[*i][c].to_f64()).sum::<f64>() / tip.len().max(1) as f64
-    })
+fn mean_displacement(tip: &[usize], rest: &[[f64; 3]], now: &[[f64; 3]]) -> [f64; 3] {
+    std::array::from_fn(|c| tip.iter().map(|i| now[*i][c] - rest[*i][c]).sum::<f64>() / tip.len().max(1) as f64)
 }
 
-fn hash<R: Scalar>(position: &[[R; 3]]) -> String {
+/// Hash of the bits of all positions.
+pub fn hash(position: &[[f64; 3]]) -> String {
     let mut hasher = XxHash64::with_seed(0);
     for x in position.as_flattened() {
         hasher.write(&x.bits().to_le_bytes());
@@ -185,7 +301,7 @@ mod tests {
 
     fn on_threads(threads: usize) -> Measurement {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| measure(bar([16, 4, 8]), SolverKind::Multigrid, threads)).unwrap()
+        pool.install(|| measure(bar("bar_s", [16, 4, 8]), SolverKind::Multigrid)).unwrap()
     }
 
     /// What the command promises of its numbers; and the law that threads change no bit.
@@ -209,6 +325,10 @@ mod tests {
             "stages",
             "peak_rss_mib",
             "state_hash",
+            "solves_by",
+            "galerkin_ms",
+            "constraints_ms",
+            "traffic",
         ] {
             assert!(json.get(key).is_some(), "{key} is missing");
         }

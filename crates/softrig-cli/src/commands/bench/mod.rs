@@ -1,26 +1,32 @@
 //! `softrig bench`: standard bodies, measured on this machine.
 
 mod body;
+mod character;
+mod machine;
 mod measure;
 mod stages;
 
+use crate::args::BenchArgs;
 use crate::failure::{Failure, Outcome};
+use crate::load::shared_folder;
 use crate::ui;
 use measure::{Measurement, measure};
-use softrig::simulation::SolverKind;
-use std::path::Path;
 
-/// Measures the named bodies (all without names) and prints a line or a JSON object for each.
+/// Measures the named bodies (the two standard ones without names) and prints some lines or a JSON object for each.
 ///
 /// # Errors
 /// [`Failure::Usage`] for a name that is no body, [`Failure::Input`] for missing or damaged files, [`Failure::Simulation`]
 /// when a step fails.
-pub fn run(names: &[String], solver: SolverKind, threads: usize, json: bool, shared: &Path) -> Outcome {
-    let all = body::NAMES.map(String::from);
-    let names = if names.is_empty() { &all[..] } else { names };
+pub fn run(args: &BenchArgs) -> Outcome {
+    let default = body::DEFAULT.map(String::from);
+    let names = if args.names.is_empty() { &default[..] } else { &args.names };
+    let solver = args.solver.unwrap_or_default().into();
     for name in names {
-        let measurement = measure(body::load(name, shared)?, solver, threads)?;
-        if json {
+        let measurement = match name.strip_prefix("character_") {
+            Some(cells) => character::measure(name, cells, solver)?,
+            None => measure(body::load(name, &shared_folder(args.shared.as_deref()))?, solver)?,
+        };
+        if args.json {
             let text = serde_json::to_string(&measurement);
             ui::result(text.map_err(|e| Failure::Machine(format!("cannot write JSON: {e}")))?);
         } else {
@@ -40,11 +46,37 @@ fn sentence(m: &Measurement) -> String {
         ),
         format!("  step      {:8.2} ms median, {:8.2} ms minimum of {}", m.step_ms_median, m.step_ms_min, m.steps - 1),
     ];
-    for (stage, t) in [("force", s.force_ms), ("matrix", s.matrix_ms), ("solve", s.solve_ms), ("other", s.other_ms)] {
+    let stages = [
+        ("rotations", s.rotations_ms),
+        ("forces", s.forces_ms),
+        ("assembly", s.assembly_ms),
+        ("solve", s.solve_ms),
+        ("embedding", s.embedding_ms),
+        ("other", s.other_ms),
+    ];
+    for (stage, t) in stages {
         lines.push(format!("  {stage:9} {:8.2} ms median, {:8.2} ms minimum", t.median, t.min));
     }
-    lines.push(format!("  iterations {}, residual {:.1e}", m.iterations, m.residual));
-    lines.push(format!("  tip moved ({}) m after 0.25 s, ({}) m after 0.5 s", tip(0), tip(1)));
+    if let Some(t) = m.galerkin_ms {
+        lines.push(format!(
+            "  galerkin  {t:8.2} ms for each rebuild of the coarse operators; {} steps had one",
+            m.rebuilds
+        ));
+    }
+    if let Some(t) = m.constraints_ms {
+        lines.push(format!("  bones     {t:8.2} ms to bind or free nodes, before the next step"));
+    }
+    let solvers: Vec<_> = m.solves_by.iter().map(|(name, n)| format!("{n} by {name}")).collect();
+    lines.push(format!("  iterations {}, residual {:.1e}; solves: {}", m.iterations, m.residual, solvers.join(", ")));
+    if let Some(t) = &m.traffic {
+        lines.push(format!(
+            "  solve reads and writes {:.1} MB a step, {:.1} GB/s; this machine reads {:.1} GB/s of a buffer that size",
+            t.megabytes_a_step, t.gigabytes_a_second, t.machine_gigabytes_a_second
+        ));
+    }
+    if m.tip_displacement_m != [[0.0; 3]; 2] {
+        lines.push(format!("  tip moved ({}) m after 0.25 s, ({}) m after 0.5 s", tip(0), tip(1)));
+    }
     if let Some(peak) = m.peak_rss_mib {
         lines.push(format!("  peak memory {peak} MiB"));
     }

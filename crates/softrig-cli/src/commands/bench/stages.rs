@@ -5,22 +5,53 @@ use softrig_linalg::{
     BlockCsr, BlockPattern, CubeMatrix, CubePattern, DofConstraints, LinearSolver, LinearSystem, Scalar, SolveError,
     SolveReport,
 };
-use std::sync::Arc;
+use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
-/// Nanoseconds spent in each stage since the last [`Clocks::take`].
+/// Nanoseconds spent in each stage, and what the solver did, since the last [`Clocks::take`].
 #[derive(Debug, Default)]
 pub struct Clocks {
-    force: AtomicU64,
-    matrix: AtomicU64,
+    rotations: AtomicU64,
+    forces: AtomicU64,
+    assembly: AtomicU64,
     solve: AtomicU64,
+    rebuilds: AtomicU64,
+    solves: Mutex<BTreeMap<&'static str, usize>>,
+}
+
+/// What [`Clocks::take`] gives.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Taken {
+    /// Rotations, forces, assembly, solve [ms].
+    pub times: [f64; 4],
+    /// Rebuilds of coarse operators.
+    pub rebuilds: usize,
 }
 
 impl Clocks {
-    /// Milliseconds in (rotations and forces, matrix, solve), and starts again from zero.
-    pub fn take(&self) -> [f64; 3] {
-        [&self.force, &self.matrix, &self.solve].map(|c| c.swap(0, Ordering::Relaxed) as f64 * 1e-6)
+    /// What was counted since the last call, and starts again from zero.
+    pub fn take(&self) -> Taken {
+        let clocks = [&self.rotations, &self.forces, &self.assembly, &self.solve];
+        Taken {
+            times: clocks.map(|c| c.swap(0, Ordering::Relaxed) as f64 * 1e-6),
+            rebuilds: usize::try_from(self.rebuilds.swap(0, Ordering::Relaxed)).unwrap_or(usize::MAX),
+        }
+    }
+
+    /// Solves by each solver since the beginning.
+    pub fn solves(&self) -> BTreeMap<&'static str, usize> {
+        self.solves.lock().map(|s| s.clone()).unwrap_or_default()
+    }
+
+    fn note(&self, report: &Result<SolveReport, SolveError>) {
+        if let Ok(report) = report {
+            self.rebuilds.fetch_add(u64::from(report.rebuilt), Ordering::Relaxed);
+            if let Ok(mut solves) = self.solves.lock() {
+                *solves.entry(report.solver).or_default() += 1;
+            }
+        }
     }
 }
 
@@ -41,15 +72,15 @@ pub struct TimedModel<R> {
 
 impl<R: Scalar> ForceModel<R> for TimedModel<R> {
     fn linearise(&mut self, position: &[[R; 3]]) {
-        timed(&self.clocks.force, || self.inner.linearise(position));
+        timed(&self.clocks.rotations, || self.inner.linearise(position));
     }
 
     fn force(&mut self, position: &[[R; 3]], increment: Increment<'_, R>, force: &mut [[R; 3]]) -> f64 {
-        timed(&self.clocks.force, || self.inner.force(position, increment, force))
+        timed(&self.clocks.forces, || self.inner.force(position, increment, force))
     }
 
     fn stiffness(&mut self, rate: R, damping: R, matrix: &mut BlockCsr<R>) {
-        timed(&self.clocks.matrix, || self.inner.stiffness(rate, damping, matrix));
+        timed(&self.clocks.assembly, || self.inner.stiffness(rate, damping, matrix));
     }
 
     fn cube_pattern(&self) -> Option<Arc<CubePattern>> {
@@ -57,7 +88,7 @@ impl<R: Scalar> ForceModel<R> for TimedModel<R> {
     }
 
     fn cubes(&self, rate: R, damping: R, matrix: &mut CubeMatrix<R>) {
-        timed(&self.clocks.matrix, || self.inner.cubes(rate, damping, matrix));
+        timed(&self.clocks.assembly, || self.inner.cubes(rate, damping, matrix));
     }
 
     fn save(&mut self) {
@@ -72,9 +103,30 @@ impl<R: Scalar> ForceModel<R> for TimedModel<R> {
         self.inner.history()
     }
 
+    fn write_history(&self, out: &mut Vec<[R; 4]>) {
+        self.inner.write_history(out);
+    }
+
     fn restore(&mut self, history: &[[R; 4]]) {
         self.inner.restore(history);
     }
+}
+
+/// Stands where a model was while that is being put under the clock.
+pub struct Absent;
+
+impl<R: Scalar> ForceModel<R> for Absent {
+    fn linearise(&mut self, _: &[[R; 3]]) {}
+    fn force(&mut self, _: &[[R; 3]], _: Increment<'_, R>, _: &mut [[R; 3]]) -> f64 {
+        0.0
+    }
+    fn stiffness(&mut self, _: R, _: R, _: &mut BlockCsr<R>) {}
+    fn save(&mut self) {}
+    fn roll_back(&mut self) {}
+    fn history(&self) -> Vec<[R; 4]> {
+        Vec::new()
+    }
+    fn restore(&mut self, _: &[[R; 4]]) {}
 }
 
 /// A linear solver under the clock.
@@ -98,6 +150,10 @@ impl<R: Scalar> LinearSolver<R> for TimedSolver<R> {
         self.inner.forget();
     }
 
+    fn bytes_per_iteration(&self) -> usize {
+        self.inner.bytes_per_iteration()
+    }
+
     fn solve(
         &mut self,
         matrix: &BlockCsr<R>,
@@ -105,7 +161,9 @@ impl<R: Scalar> LinearSolver<R> for TimedSolver<R> {
         solution: &mut [[R; 3]],
         tolerance: f64,
     ) -> Result<SolveReport, SolveError> {
-        timed(&self.clocks.solve, || self.inner.solve(matrix, rhs, solution, tolerance))
+        let result = timed(&self.clocks.solve, || self.inner.solve(matrix, rhs, solution, tolerance));
+        self.clocks.note(&result);
+        result
     }
 
     fn solve_system(
@@ -116,10 +174,11 @@ impl<R: Scalar> LinearSolver<R> for TimedSolver<R> {
         tolerance: f64,
     ) -> Result<SolveReport, SolveError> {
         // the solver asks for the matrix while it is under the clock: that time is the matrix's
-        let before = self.clocks.matrix.load(Ordering::Relaxed);
+        let before = self.clocks.assembly.load(Ordering::Relaxed);
         let result = timed(&self.clocks.solve, || self.inner.solve_system(system, rhs, solution, tolerance));
-        let matrix = self.clocks.matrix.load(Ordering::Relaxed) - before;
+        let matrix = self.clocks.assembly.load(Ordering::Relaxed) - before;
         self.clocks.solve.fetch_sub(matrix, Ordering::Relaxed);
+        self.clocks.note(&result);
         result
     }
 }

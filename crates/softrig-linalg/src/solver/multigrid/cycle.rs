@@ -16,6 +16,14 @@ use faer::{Mat, Side};
 /// rounding of the operators to f32 can leave the smallest pivots below zero.
 const SHIFT: f64 = 1e-6;
 
+/// Products of a cycle and the iteration around it: smoothing before and after, the residual between, the iteration's own.
+fn products(smoother: Smoother) -> usize {
+    match smoother {
+        Smoother::Chebyshev { degree, .. } => 2 * degree.max(1) + 1,
+        Smoother::GaussSeidel { before, after } => before.max(1) + after + 2,
+    }
+}
+
 /// All levels of a constrained body.
 #[derive(Debug)]
 pub(crate) struct Cycle {
@@ -90,14 +98,18 @@ impl Cycle {
 
     /// Products with the finest matrix that a cycle and the iteration around it are worth, in f64.
     pub fn work(&self, smoother: Smoother) -> f64 {
-        // smoothing before and after, the residual between, and the iteration's own product
-        let products = match smoother {
-            Smoother::Chebyshev { degree, .. } => 2 * degree.max(1) + 1,
-            Smoother::GaussSeidel { before, after } => before.max(1) + after + 2,
-        };
+        let products = products(smoother);
         let blocks = |level: &Level| level.pattern.column.len() as f64;
         let all: f64 = self.levels[..self.levels.len() - 1].iter().map(blocks).sum();
         SINGLE * products as f64 * all / blocks(&self.levels[0]).max(1.0)
+    }
+
+    /// What a cycle and the iteration around it read and write [bytes].
+    pub fn bytes(&self, smoother: Smoother) -> usize {
+        let fine: usize = self.levels[..self.levels.len() - 1].iter().map(Level::bytes).sum();
+        // up and down between the levels
+        let between: usize = self.galerkin.iter().map(|g| 2 * 12 * g.interpolation().column.len()).sum();
+        products(smoother) * fine + between
     }
 
     /// `q = A p` on the finest level; returns `pᵀ q`.

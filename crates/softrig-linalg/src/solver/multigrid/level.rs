@@ -91,6 +91,17 @@ impl Level {
         cubes.invert_diagonal(&mut self.inverse);
     }
 
+    /// What a product and what is done with it read and write [bytes].
+    pub fn bytes(&self) -> usize {
+        let matrix = match (&self.cubes, &self.matrix) {
+            (Some(cubes), _) if self.by_cubes => cubes.bytes(),
+            (_, Some(matrix)) => matrix.bytes(),
+            _ => 0,
+        };
+        // the vector, the inverse, three that are read and written
+        matrix + (16 + 48 + 6 * 16) * self.pattern.row_count()
+    }
+
     /// Rows without a single entry.
     pub fn identity(&self) -> &[bool] {
         &self.identity

@@ -136,6 +136,10 @@ impl<R: Scalar> LinearSolver<R> for Multigrid<R> {
         }
     }
 
+    fn bytes_per_iteration(&self) -> usize {
+        self.cycle.as_ref().map_or(0, |c| c.bytes(self.settings.smoother))
+    }
+
     fn prepare(&mut self, pattern: &Arc<BlockPattern>, constraints: &DofConstraints) -> Result<(), SolveError> {
         let mut free = FreePattern::new(pattern, constraints);
         let colours = order_for(self.settings.smoother, &free).map(|(order, colours)| {
@@ -208,7 +212,7 @@ impl<R: Scalar> LinearSolver<R> for Multigrid<R> {
         match report {
             Ok(r) => {
                 self.note(r.iterations);
-                Ok(SolveReport { solver: self.name(), ..r })
+                Ok(SolveReport { solver: self.name(), rebuilt: rebuild, ..r })
             }
             // stale coarse operators must not fail a solve
             Err(_) if !rebuild => {

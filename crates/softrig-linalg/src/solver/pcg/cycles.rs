@@ -29,6 +29,7 @@ impl<R: Scalar> Pcg<R> {
             iterations,
             residual,
             converged: residual <= tolerance,
+            rebuilt: false,
         };
         let Some(scale) = self.pattern.scale_of(rhs)? else {
             solution.fill([B::zero(); 3]);

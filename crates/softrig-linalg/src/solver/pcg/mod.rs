@@ -264,6 +264,12 @@ impl<R: Scalar> LinearSolver<R> for Pcg<R> {
         "pcg"
     }
 
+    fn bytes_per_iteration(&self) -> usize {
+        let matrix = self.values.as_ref().map_or(0, Sliced::bytes);
+        // the product, two updates: twelve vectors read or written
+        matrix + (12 * 4 + 12) * size_of::<R>() * self.pattern.row_count()
+    }
+
     fn prepare(&mut self, pattern: &Arc<BlockPattern>, constraints: &DofConstraints) -> Result<(), SolveError> {
         self.prepare_free(pattern, FreePattern::new(pattern, constraints));
         Ok(())
@@ -357,7 +363,7 @@ impl<R: Scalar> Pcg<R> {
         self.load(source, cycle.is_none(), products)?;
         let Some(scale) = self.pattern.scale_of(rhs)? else {
             solution.fill([B::zero(); 3]);
-            return Ok(SolveReport { solver: "pcg", iterations: 0, residual: 0.0, converged: true });
+            return Ok(SolveReport { solver: "pcg", iterations: 0, residual: 0.0, converged: true, rebuilt: false });
         };
         let square = self.begin(rhs, scale);
         let (norm, mut left) = (square.sqrt(), square);
@@ -380,7 +386,7 @@ impl<R: Scalar> Pcg<R> {
             let residual = left.sqrt() / norm;
             if residual <= tolerance {
                 self.pattern.scatter(&self.candidate, solution);
-                return Ok(SolveReport { solver: "pcg", iterations, residual, converged: true });
+                return Ok(SolveReport { solver: "pcg", iterations, residual, converged: true, rebuilt: false });
             }
             // each pass must gain something, or rounding has the last word
             if iterations >= self.iteration_limit || left.is_nan() || left >= 0.25 * before {
