@@ -25,5 +25,5 @@ pub use cubes::{CubeMatrix, CubePattern};
 pub use lane::{Lane, Wide};
 pub use scalar::Scalar;
 pub use small::{Mat3, Vec3};
-pub use solver::{LinearSolver, LinearSystem, SolveError, SolveReport};
+pub use solver::{LinearSolver, LinearSystem, SolveError, SolveReport, Traffic};
 pub use wide::{Instructions, Kernel, run_wide, run_wide_with};

@@ -1,6 +1,6 @@
 //! The cheaper of two solvers, by counted work.
 
-use super::{LinearSolver, LinearSystem, Multigrid, Pcg, SolveError, SolveReport};
+use super::{LinearSolver, LinearSystem, Multigrid, Pcg, SolveError, SolveReport, Traffic};
 use crate::{BlockCsr, BlockPattern, DofConstraints, Scalar};
 use std::sync::Arc;
 
@@ -85,12 +85,8 @@ impl<R: Scalar> LinearSolver<R> for Auto<R> {
         Ok(())
     }
 
-    fn bytes_per_iteration(&self) -> usize {
-        if self.classes.iter().any(|c| c.plain) {
-            self.pcg.bytes_per_iteration()
-        } else {
-            self.multigrid.bytes_per_iteration()
-        }
+    fn traffic(&self) -> Option<Traffic> {
+        if self.classes.iter().any(|c| c.plain) { self.pcg.traffic() } else { self.multigrid.traffic() }
     }
 
     fn forget(&mut self) {

@@ -35,6 +35,15 @@ pub struct SolveReport {
     pub rebuilt: bool,
 }
 
+/// Memory traffic of an iteration.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Traffic {
+    /// What it reads and writes [bytes].
+    pub moved: usize,
+    /// What of that is different memory: how large a cache would have to be [bytes].
+    pub held: usize,
+}
+
 /// Why a system could not be solved. The solution passed in is unchanged.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
@@ -111,9 +120,9 @@ pub trait LinearSolver<R>: Send {
     /// Drops what a solve may keep from earlier ones, so that the next one depends on its arguments only.
     fn forget(&mut self) {}
 
-    /// What an iteration reads and writes, by count [bytes]; 0 for solvers that do not count it.
-    fn bytes_per_iteration(&self) -> usize {
-        0
+    /// What an iteration reads and writes, by count; `None` for solvers that do not count it.
+    fn traffic(&self) -> Option<Traffic> {
+        None
     }
 
     /// Numeric solve from a zero start. `rhs` and `solution` have one `[R; 3]` per node; `rhs` of constrained nodes is ignored.

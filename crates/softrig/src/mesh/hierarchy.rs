@@ -17,13 +17,13 @@ pub struct HierarchyOptions {
     /// Most levels, the body's own among them; `None` (default): as many as it takes.
     pub levels: Option<usize>,
     /// Cells of the coarse levels: voxels with trilinear weights, or each voxel cut into six tetrahedra, with linear ones. Both
-    /// contain the body.
-    pub cells: CellKind,
+    /// contain the body. `None` (default): those of the body, so that coarse rows are no longer than fine ones.
+    pub cells: Option<CellKind>,
 }
 
 impl Default for HierarchyOptions {
     fn default() -> Self {
-        Self { coarsest: 150, levels: None, cells: CellKind::Hex8 }
+        Self { coarsest: 150, levels: None, cells: None }
     }
 }
 
@@ -120,14 +120,14 @@ fn lattice_hierarchy(mesh: &VolumeMesh, options: &HierarchyOptions) -> Vec<Prolo
         return Vec::new();
     };
     let level = Level { voxel: lattice.voxel.clone(), cells: mesh.hexes.clone(), node_count: mesh.node_count() };
-    coarser(level, options)
+    coarser(level, options.coarsest, options.cells.unwrap_or(CellKind::Hex8))
 }
 
 /// The levels below a lattice.
-pub(super) fn coarser(mut level: Level, options: &HierarchyOptions) -> Vec<Prolongation> {
+pub(super) fn coarser(mut level: Level, coarsest: usize, cells: CellKind) -> Vec<Prolongation> {
     let mut prolongations = Vec::new();
-    while level.node_count > options.coarsest {
-        let (coarse, prolongation) = coarsen(&level, options.cells);
+    while level.node_count > coarsest {
+        let (coarse, prolongation) = coarsen(&level, cells);
         // pieces one voxel thick cannot be thinned for ever
         if 4 * coarse.node_count > 3 * level.node_count {
             break;

@@ -68,6 +68,6 @@ pub fn measure(name: &str, cells: &str, solver: SolverKind) -> Result<Measuremen
         }
     }
     let position = simulation.state.position.clone();
-    let m = record.measurement(name, size, solver.name(), &clocks, 0);
+    let m = record.measurement(name, size, solver.name(), &clocks, None);
     Ok(Measurement { state_hash: hash(&position), ..m })
 }

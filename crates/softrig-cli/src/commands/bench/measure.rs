@@ -11,7 +11,7 @@ use softrig::force::ElasticModel;
 use softrig::integrate::{Implicit, Integrator, Scheme, State, StepInput, StepOutput, initial_acceleration};
 use softrig::material::{Material, MaterialMap};
 use softrig::simulation::SolverKind;
-use softrig_linalg::{BlockCsr, DofConstraints, LinearSolver, Scalar};
+use softrig_linalg::{BlockCsr, DofConstraints, LinearSolver, Scalar, Traffic};
 use std::collections::BTreeMap;
 use std::hash::Hasher;
 use std::sync::Arc;
@@ -51,12 +51,14 @@ pub struct Stages {
 
 /// Memory traffic of the solves.
 #[derive(Clone, Copy, Debug, Serialize)]
-pub struct Traffic {
+pub struct TrafficReport {
     /// What the iterations of a step read and write, by count [MB].
     pub megabytes_a_step: f64,
     /// The same over the fastest solve [GB/s].
     pub gigabytes_a_second: f64,
-    /// What all threads read of a buffer as large as an iteration's traffic, measured [GB/s].
+    /// What of that is different memory [MB].
+    pub held_megabytes: f64,
+    /// What all threads read of a buffer of that size, measured [GB/s].
     pub machine_gigabytes_a_second: f64,
 }
 
@@ -98,7 +100,7 @@ pub struct Measurement {
     /// Time to exchange the bound nodes of a body that is being simulated [ms]; absent for characters.
     pub constraints_ms: Option<f64>,
     /// Memory traffic of the solves; absent for solvers that do not count it.
-    pub traffic: Option<Traffic>,
+    pub traffic: Option<TrafficReport>,
     /// Largest memory of this process so far [MiB]; absent where the system does not tell.
     pub peak_rss_mib: Option<f64>,
     /// Mean displacement of the free end (bar) or the top (cow, dragon) after 0.25 and 0.5 s [m]; zero for characters.
@@ -137,17 +139,18 @@ impl Record {
         size: [usize; 2],
         solver: &'static str,
         clocks: &Clocks,
-        bytes: usize,
+        traffic: Option<Traffic>,
     ) -> Measurement {
         self.iterations.sort_unstable();
         let iterations = self.iterations[self.iterations.len() / 2];
         let [step, rotations_ms, forces_ms, assembly_ms, solve_ms, embedding_ms, other_ms] = self.times.map(statistics);
-        let traffic = (bytes > 0 && iterations > 0).then(|| {
-            let total = (bytes * iterations) as f64;
-            Traffic {
+        let traffic = traffic.filter(|_| iterations > 0).map(|t| {
+            let total = (t.moved * iterations) as f64;
+            TrafficReport {
                 megabytes_a_step: tenths(total * 1e-6),
                 gigabytes_a_second: tenths(total / solve_ms.min * 1e-6),
-                machine_gigabytes_a_second: tenths(bandwidth(bytes)),
+                held_megabytes: tenths(t.held as f64 * 1e-6),
+                machine_gigabytes_a_second: tenths(bandwidth(t.held)),
             }
         });
         Measurement {
@@ -231,9 +234,9 @@ pub fn measure(bench: BenchBody, kind: SolverKind) -> Result<Measurement, Failur
             tip_displacement_m[look] = mean_displacement(&bench.tip, &rest, &state.position);
         }
     }
-    let bytes = solver.bytes_per_iteration();
+    let traffic = LinearSolver::<f64>::traffic(&solver);
     let name = LinearSolver::<f64>::name(&solver);
-    let mut m = record.measurement(bench.name, size, name, &clocks, bytes);
+    let mut m = record.measurement(bench.name, size, name, &clocks, traffic);
     (m.galerkin_ms, m.constraints_ms) = extras(&mut body, &mut *solver.inner, &weight).map_err(|e| failed(&e))?;
     Ok(Measurement { tip_displacement_m, state_hash: hash(&state.position), ..m })
 }

@@ -70,8 +70,8 @@ fn sentence(m: &Measurement) -> String {
     lines.push(format!("  iterations {}, residual {:.1e}; solves: {}", m.iterations, m.residual, solvers.join(", ")));
     if let Some(t) = &m.traffic {
         lines.push(format!(
-            "  solve reads and writes {:.1} MB a step, {:.1} GB/s; this machine reads {:.1} GB/s of a buffer that size",
-            t.megabytes_a_step, t.gigabytes_a_second, t.machine_gigabytes_a_second
+            "  solve moves {:.1} MB a step at {:.1} GB/s, over and over the same {:.1} MB, which this machine reads at {:.1} GB/s",
+            t.megabytes_a_step, t.gigabytes_a_second, t.held_megabytes, t.machine_gigabytes_a_second
         ));
     }
     if m.tip_displacement_m != [[0.0; 3]; 2] {

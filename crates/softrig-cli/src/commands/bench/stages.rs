@@ -3,7 +3,7 @@
 use softrig::force::{ForceModel, Increment};
 use softrig_linalg::{
     BlockCsr, BlockPattern, CubeMatrix, CubePattern, DofConstraints, LinearSolver, LinearSystem, Scalar, SolveError,
-    SolveReport,
+    SolveReport, Traffic,
 };
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -150,8 +150,8 @@ impl<R: Scalar> LinearSolver<R> for TimedSolver<R> {
         self.inner.forget();
     }
 
-    fn bytes_per_iteration(&self) -> usize {
-        self.inner.bytes_per_iteration()
+    fn traffic(&self) -> Option<Traffic> {
+        self.inner.traffic()
     }
 
     fn solve(

@@ -8,7 +8,7 @@ use super::settings::{MultigridSettings, Smoother};
 use crate::solver::free::FreePattern;
 use crate::solver::quads::Quads;
 use crate::solver::sliced::Fault;
-use crate::{CubeMatrix, Scalar};
+use crate::{CubeMatrix, Scalar, Traffic};
 use faer::linalg::solvers::{Llt, Solve};
 use faer::{Mat, Side};
 
@@ -104,12 +104,12 @@ impl Cycle {
         SINGLE * products as f64 * all / blocks(&self.levels[0]).max(1.0)
     }
 
-    /// What a cycle and the iteration around it read and write [bytes].
-    pub fn bytes(&self, smoother: Smoother) -> usize {
+    /// What a cycle and the iteration around it read and write.
+    pub fn traffic(&self, smoother: Smoother) -> Traffic {
         let fine: usize = self.levels[..self.levels.len() - 1].iter().map(Level::bytes).sum();
         // up and down between the levels
         let between: usize = self.galerkin.iter().map(|g| 2 * 12 * g.interpolation().column.len()).sum();
-        products(smoother) * fine + between
+        Traffic { moved: products(smoother) * fine + between, held: fine + between / 2 }
     }
 
     /// `q = A p` on the finest level; returns `pᵀ q`.

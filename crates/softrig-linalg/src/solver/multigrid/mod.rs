@@ -22,7 +22,7 @@ pub(super) use cycle::Cycle;
 
 use super::free::FreePattern;
 use super::pcg::{Pcg, Source};
-use super::{LinearSolver, LinearSystem, SolveError, SolveReport, Stored};
+use super::{LinearSolver, LinearSystem, SolveError, SolveReport, Stored, Traffic};
 use crate::{BlockCsr, BlockPattern, DofConstraints, Scalar};
 use level::order_for;
 use std::sync::Arc;
@@ -136,8 +136,8 @@ impl<R: Scalar> LinearSolver<R> for Multigrid<R> {
         }
     }
 
-    fn bytes_per_iteration(&self) -> usize {
-        self.cycle.as_ref().map_or(0, |c| c.bytes(self.settings.smoother))
+    fn traffic(&self) -> Option<Traffic> {
+        self.cycle.as_ref().map(|c| c.traffic(self.settings.smoother))
     }
 
     fn prepare(&mut self, pattern: &Arc<BlockPattern>, constraints: &DofConstraints) -> Result<(), SolveError> {

@@ -20,7 +20,7 @@ use super::free::FreePattern;
 use super::multigrid::Cycle;
 use super::quads::Quads;
 use super::sliced::Sliced;
-use super::{LinearSolver, LinearSystem, SolveError, SolveReport, residual};
+use super::{LinearSolver, LinearSystem, SolveError, SolveReport, Traffic, residual};
 use crate::{BlockCsr, BlockPattern, DofConstraints, Scalar, run_wide};
 use kernel::{Direction, Inverse, Product, Update};
 use rayon::prelude::*;
@@ -264,10 +264,11 @@ impl<R: Scalar> LinearSolver<R> for Pcg<R> {
         "pcg"
     }
 
-    fn bytes_per_iteration(&self) -> usize {
+    fn traffic(&self) -> Option<Traffic> {
         let matrix = self.values.as_ref().map_or(0, Sliced::bytes);
-        // the product, two updates: twelve vectors read or written
-        matrix + (12 * 4 + 12) * size_of::<R>() * self.pattern.row_count()
+        // the product and two updates read or write twelve vectors; there are five
+        let numbers = |count: usize| count * size_of::<R>() * self.pattern.row_count();
+        Some(Traffic { moved: matrix + numbers(12 * 4 + 12), held: matrix + numbers(5 * 4 + 12) })
     }
 
     fn prepare(&mut self, pattern: &Arc<BlockPattern>, constraints: &DofConstraints) -> Result<(), SolveError> {

@@ -71,8 +71,7 @@ pub fn dragon(job: &Job) -> Result<PaperBody, Failure> {
 
 fn independent(name: &'static str, mesh: &VolumeMesh, bones: usize) -> PaperBody {
     let (mesh, _) = renumbered(mesh);
-    let levels =
-        hierarchy(&mesh, &HierarchyOptions { levels: Some(3), cells: CellKind::Tet4, ..HierarchyOptions::default() });
+    let levels = hierarchy(&mesh, &HierarchyOptions { levels: Some(3), ..HierarchyOptions::default() });
     let spine = Spine::along(&mesh, bones);
     PaperBody { name, mesh, levels, kind: "independent tetrahedra that contain it", spine }
 }
