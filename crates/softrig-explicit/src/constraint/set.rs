@@ -498,12 +498,27 @@ impl<R: Scalar> Work<'_, R> {
         if wi + wj <= 0.0 {
             return Err(ConstraintError::Immovable { kind: "points-to-point", id });
         }
+        let share = self.share(id);
         let (a, b) = (self.at(i), self.at(j));
-        // the heavier node keeps more of its place
-        let t = wi / (wi + wj);
-        let goal = std::array::from_fn(|k| a[k] + t * (b[k] - a[k]));
-        self.move_to(id, i, goal);
-        self.move_to(id, j, goal);
+        let per_unit = 1.0 / self.unit.position;
+        let ratio = self.unit.velocity * per_unit;
+        // F_i = (x^_j - x^_i) / (c_i + c_j), F_j = -F_i; the heavier node keeps more of its place
+        let s = share / (wi + wj);
+        let next = &mut *self.next;
+        for k in 0..3 {
+            let gap = (b[k] - a[k]) * s;
+            let f = gap * per_unit;
+            self.force[i][k] = f;
+            self.force[j][k] = -f;
+            let goal = a[k] + wi * gap;
+            let other = if share == 1.0 { goal } else { b[k] - wj * gap };
+            next.position[i][k] = R::from_f64(goal);
+            next.position[j][k] = R::from_f64(other);
+            next.velocity[i][k] += R::from_f64(wi * gap * ratio);
+            next.velocity[j][k] += R::from_f64(-(wj * gap) * ratio);
+            next.acceleration[i][k] += R::from_f64(wi * f);
+            next.acceleration[j][k] += R::from_f64(-(wj * f));
+        }
         Ok(())
     }
 

@@ -2,6 +2,11 @@
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed; helpers count as tests")]
 
 mod constraint;
+mod elastic;
 #[allow(non_snake_case, reason = "symbols of [Gissler2006]")]
 mod gissler;
+mod mass_point;
+mod modal;
 mod order;
+mod skeleton;
+mod speed;
