@@ -200,6 +200,9 @@ pub struct BenchArgs {
     /// Linear solver [default: multigrid]
     #[arg(long, value_name = "NAME")]
     pub solver: Option<SolverName>,
+    /// Instead of a falling body, solve for the balance of a twisted and bent one to a residual of 1e-6, setup included
+    #[arg(long = "static")]
+    pub statics: bool,
     /// Print one JSON object for each body
     #[arg(long)]
     pub json: bool,

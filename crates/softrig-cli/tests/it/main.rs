@@ -9,6 +9,7 @@ mod docs;
 mod journal;
 mod real;
 mod shared;
+mod slivers;
 mod usage;
 
 use std::path::Path;

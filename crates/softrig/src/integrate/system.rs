@@ -66,4 +66,8 @@ impl<R: Scalar> LinearSystem<R> for StepSystem<'_, R> {
     fn cubes(&mut self) -> Option<&CubeMatrix<R>> {
         self.cubes.as_deref()
     }
+
+    fn rotations(&mut self, out: &mut Vec<[R; 4]>) {
+        self.body.model.write_history(out);
+    }
 }

@@ -5,7 +5,9 @@ mod support;
 
 mod analytic;
 mod couple;
+mod cycles;
 mod golden;
+mod hard;
 mod mesh;
 mod multigrid;
 mod rig;

@@ -5,6 +5,7 @@ mod character;
 mod machine;
 mod measure;
 mod stages;
+mod statics;
 
 use crate::args::BenchArgs;
 use crate::failure::{Failure, Outcome};
@@ -22,18 +23,22 @@ pub fn run(args: &BenchArgs) -> Outcome {
     let names = if args.names.is_empty() { &default[..] } else { &args.names };
     let solver = args.solver.unwrap_or_default().into();
     for name in names {
+        if args.statics {
+            let measured = statics::measure(body::load(name, &shared_folder(args.shared.as_deref()))?, solver)?;
+            ui::result(if args.json { json(&measured)? } else { measured.sentence() });
+            continue;
+        }
         let measurement = match name.strip_prefix("character_") {
             Some(cells) => character::measure(name, cells, solver)?,
             None => measure(body::load(name, &shared_folder(args.shared.as_deref()))?, solver)?,
         };
-        if args.json {
-            let text = serde_json::to_string(&measurement);
-            ui::result(text.map_err(|e| Failure::Machine(format!("cannot write JSON: {e}")))?);
-        } else {
-            ui::result(sentence(&measurement));
-        }
+        ui::result(if args.json { json(&measurement)? } else { sentence(&measurement) });
     }
     Ok(())
+}
+
+fn json(measurement: &impl serde::Serialize) -> Result<String, Failure> {
+    serde_json::to_string(measurement).map_err(|e| Failure::Machine(format!("cannot write JSON: {e}")))
 }
 
 fn sentence(m: &Measurement) -> String {

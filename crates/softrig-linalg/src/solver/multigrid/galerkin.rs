@@ -234,3 +234,61 @@ pub(super) fn interpolate_add(p: &Interpolation, x: &[[f32; 4]], out: &mut [[f32
         }
     });
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::settings::Marking;
+    use super::*;
+    use crate::{BlockPattern, DofConstraints};
+
+    /// Coarse blocks against the triple product of dense matrices.
+    #[test]
+    fn coarse_operators_are_the_dense_triple_product() {
+        for case in 0..6usize {
+            let (n, coarse) = (30 + 9 * case, 4 + 3 * case);
+            let cells: Vec<[u32; 3]> =
+                (0..2 * n as u32).map(|i| [i % n as u32, (i * i + 3) % n as u32, (i * 7 + 1) % n as u32]).collect();
+            let pattern = BlockPattern::from_cells(n, cells.iter().map(|c| &c[..]));
+            let fine =
+                FreePattern::new(&pattern, &DofConstraints::from_mask((0..n).map(|i| i % 4 == case % 4).collect()));
+            let mut p = Interpolation { coarse_count: coarse, start: vec![0], ..Interpolation::default() };
+            for i in 0..n {
+                for c in 0..1 + i % 3 {
+                    p.column.push(((i * 5 + c * 11) % coarse) as u32);
+                    p.weight.push(0.25 + 0.125 * ((i + c) % 5) as f64);
+                }
+                p.start.push(p.column.len() as u32);
+            }
+            let (p, _) = p.restricted(&fine.node, Marking::EmptyColumns);
+            let block = |k: usize| -> [f32; 9] { std::array::from_fn(|e| ((k * 13 + e * 5) as f32).sin()) };
+            let mut galerkin = Galerkin::new(&fine, p.clone());
+            galerkin.refresh(&fine, &block);
+            let mut dense = vec![vec![[0.0f64; 9]; p.coarse_count]; p.coarse_count];
+            for i in 0..fine.row_count() {
+                for k in fine.row(i) {
+                    for a in p.row(i) {
+                        for b in p.row(fine.column[k] as usize) {
+                            let to = &mut dense[p.column[a] as usize][p.column[b] as usize];
+                            let w = p.weight[a] * p.weight[b];
+                            (0..9).for_each(|e| to[e] += w * f64::from(block(k)[e]));
+                        }
+                    }
+                }
+            }
+            let coarse_pattern = galerkin.coarse_pattern();
+            let mut there = vec![vec![false; p.coarse_count]; p.coarse_count];
+            for i in 0..p.coarse_count {
+                for k in coarse_pattern.row(i) {
+                    let j = coarse_pattern.column[k] as usize;
+                    there[i][j] = true;
+                    for e in 0..9 {
+                        let (a, b) = (f64::from(galerkin.coarse_blocks()[k][e]), dense[i][j][e]);
+                        assert!((a - b).abs() < 1e-4, "block {i} {j}: {a} {b}");
+                    }
+                }
+            }
+            let missing = |(i, j): (usize, usize)| !there[i][j] && dense[i][j] != [0.0; 9];
+            assert!(!(0..p.coarse_count).flat_map(|i| (0..p.coarse_count).map(move |j| (i, j))).any(missing));
+        }
+    }
+}

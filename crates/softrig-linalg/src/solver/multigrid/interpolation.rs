@@ -115,3 +115,64 @@ impl Interpolation {
         Self { coarse_count: self.fine_count(), start, column, weight }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeSet;
+
+    fn random(fine: usize, coarse: usize, seed: &mut u32) -> Interpolation {
+        let mut next = move || {
+            *seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            *seed >> 8
+        };
+        let mut p = Interpolation { coarse_count: coarse, start: vec![0], ..Interpolation::default() };
+        for _ in 0..fine {
+            let columns: BTreeSet<u32> = (0..1 + next() % 5).map(|_| next() % coarse as u32).collect();
+            for c in columns {
+                p.column.push(c);
+                // few different weights, so that there are ties
+                p.weight.push([0.125, 0.25, 0.5, 1.0, 0.0][(next() % 5) as usize]);
+            }
+            p.start.push(p.column.len() as u32);
+        }
+        p
+    }
+
+    /// The rule of Georgii 2010 §3.2 word by word: a set for each coarse node, the largest weight taken out of all sets.
+    fn greedy(p: &Interpolation, kept: &[u32]) -> Vec<u32> {
+        let mut sets: Vec<Vec<(u32, f64)>> = vec![Vec::new(); p.coarse_count];
+        for &i in kept {
+            for k in p.row(i as usize).filter(|k| p.weight[*k] != 0.0) {
+                sets[p.column[k] as usize].push((i, p.weight[k]));
+            }
+        }
+        let mut matched = Vec::new();
+        for c in 0..p.coarse_count {
+            let Some(largest) = sets[c].iter().map(|e| e.1).max_by(f64::total_cmp) else { continue };
+            let taken = sets[c].iter().filter(|e| e.1 == largest).map(|e| e.0).min().unwrap();
+            sets.iter_mut().for_each(|s| s.retain(|e| e.0 != taken));
+            matched.push(c as u32);
+        }
+        matched
+    }
+
+    #[test]
+    fn greedy_marking_is_the_rule_word_by_word() {
+        let mut seed = 1;
+        let mut fewer = 0;
+        for case in 0..400 {
+            let (fine, coarse) = (5 + case % 40, 2 + case % 17);
+            let p = random(fine, coarse, &mut seed);
+            let kept: Vec<u32> = (0..fine as u32).filter(|i| (i * 7 + case as u32) % 5 != 0).collect();
+            let (restricted, matched) = p.restricted(&kept, Marking::Greedy);
+            assert_eq!(matched, greedy(&p, &kept));
+            assert_eq!((restricted.fine_count(), restricted.coarse_count), (kept.len(), matched.len()));
+            // what is kept is seen, and no more coarse nodes than fine ones are
+            let (_, seen) = p.restricted(&kept, Marking::EmptyColumns);
+            assert!(matched.iter().all(|c| seen.contains(c)) && matched.len() <= kept.len());
+            fewer += usize::from(matched.len() < seen.len());
+        }
+        assert!(fewer > 50, "only {fewer} cases had anything to mark");
+    }
+}
