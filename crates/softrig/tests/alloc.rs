@@ -3,11 +3,16 @@
 //! A binary of its own, because a counting allocator serves a whole process.
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
 
+use softrig::body::Body;
 use softrig::couple::{BindSettings, Binding};
+use softrig::force::ElasticModel;
+use softrig::integrate::{Implicit, Integrator, Scheme, State, StepInput, StepOutput};
 use softrig::material::{Material, MaterialMap};
-use softrig::mesh::{LatticeOptions, Resolution, VolumeMesh, tetrahedralize, voxelize};
+use softrig::mesh::{CellKind, LatticeOptions, Resolution, VolumeMesh, bar, tetrahedralize, voxelize};
 use softrig::simulation::{ClipMotion, Simulation, SimulationSettings, SolverKind};
+use softrig_linalg::DofConstraints;
 use std::alloc::{GlobalAlloc, Layout, System};
+use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
 /// The system's allocator, counting what it is asked for.
@@ -16,6 +21,12 @@ struct Counting;
 static COUNT: AtomicUsize = AtomicUsize::new(0);
 static BYTES: AtomicUsize = AtomicUsize::new(0);
 static LARGEST: AtomicUsize = AtomicUsize::new(0);
+/// Bytes that are held now.
+static HELD: AtomicUsize = AtomicUsize::new(0);
+/// The tests count for the whole process.
+static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
+/// Most bytes of a body with its solver.
+const MOST_PER_NODE: usize = 6000;
 
 fn note(size: usize) {
     COUNT.fetch_add(1, Relaxed);
@@ -28,23 +39,28 @@ fn note(size: usize) {
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         note(layout.size());
+        HELD.fetch_add(layout.size(), Relaxed);
         // SAFETY: the caller keeps the promises of this trait, which are those of the system's allocator
         unsafe { System.alloc(layout) }
     }
 
     unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
         note(layout.size());
+        HELD.fetch_add(layout.size(), Relaxed);
         // SAFETY: as above
         unsafe { System.alloc_zeroed(layout) }
     }
 
     unsafe fn realloc(&self, memory: *mut u8, layout: Layout, size: usize) -> *mut u8 {
         note(size);
+        HELD.fetch_add(size, Relaxed);
+        HELD.fetch_sub(layout.size(), Relaxed);
         // SAFETY: as above
         unsafe { System.realloc(memory, layout, size) }
     }
 
     unsafe fn dealloc(&self, memory: *mut u8, layout: Layout) {
+        HELD.fetch_sub(layout.size(), Relaxed);
         // SAFETY: as above
         unsafe { System.dealloc(memory, layout) }
     }
@@ -117,6 +133,7 @@ fn run(mesh: impl Fn(VolumeMesh) -> VolumeMesh, cells: usize, solver: SolverKind
 /// thread, because a pool of several allocates for its own queues when it likes.
 #[test]
 fn no_step_after_the_first_frames_allocates() {
+    let _alone = ONE_AT_A_TIME.lock().unwrap();
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).stack_size(8 << 20).build().unwrap();
     pool.install(|| {
         let kinds: [(&str, fn(VolumeMesh) -> VolumeMesh, SolverKind); 3] = [
@@ -140,4 +157,37 @@ fn no_step_after_the_first_frames_allocates() {
             assert_eq!((small.advance, small.frame), (large.advance, large.frame), "{name}");
         }
     });
+}
+
+/// What a body of tetrahedra, its solver and all levels hold once steps are made, in f64 with the default solver.
+#[test]
+fn a_body_and_its_solver_hold_a_bounded_number_of_bytes_per_node() {
+    let _alone = ONE_AT_A_TIME.lock().unwrap();
+    let before = HELD.load(Relaxed);
+    let mesh = bar([44, 11, 23], [0.4, 0.1, 0.2], CellKind::Tet4);
+    let (nodes, tets) = (mesh.node_count(), mesh.tets.len());
+    assert!(tets >= 65_000, "{tets}");
+    let held = DofConstraints::from_mask(mesh.nodes.iter().map(|x| x[0] == 0.0).collect());
+    let rest = mesh.nodes.clone();
+    let mut body =
+        Body::<f64>::new(mesh, &MaterialMap::uniform(Material::default()), ElasticModel::Corotated, held).unwrap();
+    let mut solver = SolverKind::Multigrid.build::<f64>(&body.mesh);
+    let mut integrator = Implicit::new(Scheme::ImplicitEuler, 1);
+    let weight = body.weight([0.0, -9.81, 0.0]);
+    let still = vec![[0.0; 3]; nodes];
+    let mut state = State::at_rest(rest.clone());
+    let mut output = StepOutput::default();
+    for _ in 0..3 {
+        let input = StepInput {
+            target_position: &rest,
+            target_velocity: &still,
+            external_force: &weight,
+            dt: 1.0 / 60.0,
+            tolerance: 1e-3,
+        };
+        integrator.step(&mut body, &mut *solver, &input, &mut state, &mut output).unwrap();
+    }
+    let per_node = (HELD.load(Relaxed) - before) / nodes;
+    println!("{tets} tetrahedra, {nodes} nodes: {per_node} bytes per node");
+    assert!(per_node <= MOST_PER_NODE, "{per_node} bytes per node");
 }

@@ -50,7 +50,6 @@ impl Hard {
                     Ok(report) => {
                         assert!(report.residual <= tolerance && report.converged, "{name} {kind:?}: {report:?}");
                         assert!(x.iter().flatten().all(|v| v.is_finite()));
-                        println!("{name}: {} in {} iterations", report.solver, report.iterations);
                         true
                     }
                     Err(e) => {
@@ -58,7 +57,6 @@ impl Hard {
                         if let SolveError::NotConverged { residual, .. } = e {
                             assert!(residual.is_finite() && residual > tolerance);
                         }
-                        println!("{name}: {kind:?}: {e}");
                         false
                     }
                 }

@@ -164,7 +164,7 @@ mod tests {
         for case in 0..400 {
             let (fine, coarse) = (5 + case % 40, 2 + case % 17);
             let p = random(fine, coarse, &mut seed);
-            let kept: Vec<u32> = (0..fine as u32).filter(|i| (i * 7 + case as u32) % 5 != 0).collect();
+            let kept: Vec<u32> = (0..fine as u32).filter(|i| !(i * 7 + case as u32).is_multiple_of(5)).collect();
             let (restricted, matched) = p.restricted(&kept, Marking::Greedy);
             assert_eq!(matched, greedy(&p, &kept));
             assert_eq!((restricted.fine_count(), restricted.coarse_count), (kept.len(), matched.len()));
