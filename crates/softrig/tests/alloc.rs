@@ -25,8 +25,9 @@ static LARGEST: AtomicUsize = AtomicUsize::new(0);
 static HELD: AtomicUsize = AtomicUsize::new(0);
 /// The tests count for the whole process.
 static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
-/// Most bytes of a body with its solver.
-const MOST_PER_NODE: usize = 6000;
+/// Most bytes of a body with its solver: what it holds today and a little more, so that it does not grow unseen. Where they are is in
+/// `docs/performance.md`.
+const MOST_PER_NODE: usize = 7000;
 
 fn note(size: usize) {
     COUNT.fetch_add(1, Relaxed);
