@@ -4,7 +4,8 @@
 //! fixed order.
 
 use super::free::FreePattern;
-use super::pcg::kernel::{Inverse, inverse_of_block};
+use super::pcg::kernel::{Inverse, StoreAndDot, inverse_of_block};
+use super::sliced::RowWork;
 use crate::cubes::{CORNER, corner_factors, corners, mode_factor, modes, stiffness};
 use crate::{CubeMatrix, CubePattern, Kernel, Lane, Mat3, Scalar, Vec3, Wide, run_wide};
 use rayon::prelude::*;
@@ -165,10 +166,9 @@ impl<A: Scalar> FreeCubes<A> {
         });
     }
 
-    /// Calls `work(row, product)` for the `rows` rows of chunk `c`, counted from the first of the chunk, with those rows of the
-    /// product with `x`, whose corner forces must be there.
+    /// Hands the `rows` rows of chunk `c` of the product with `x`, whose corner forces must be there, to `work`.
     #[inline(always)]
-    pub fn for_rows(&self, c: usize, x: &[[A; 4]], rows: usize, mut work: impl FnMut(usize, Wide<A, 4>)) {
+    pub fn for_rows(&self, c: usize, x: &[[A; 4]], rows: usize, work: &mut impl RowWork<A>) {
         let force = self.force.as_flattened();
         for k in 0..rows {
             let row = c * ROWS + k;
@@ -176,7 +176,7 @@ impl<A: Scalar> FreeCubes<A> {
             for slot in self.slots(row) {
                 sum += Wide(force[*slot as usize]);
             }
-            work(k, sum);
+            work.row(k, sum);
         }
     }
 
@@ -312,12 +312,10 @@ impl<A: Scalar> Kernel for Collect<'_, A> {
     #[inline(always)]
     fn run<const W: usize>(self) -> f64 {
         let Self { cubes, x, chunk, y } = self;
-        let mut dot = Wide::<f64, 4>::zero();
-        cubes.for_rows(chunk, x, y.len(), |row, sum| {
-            y[row] = sum.0;
-            dot += Wide(sum.0.map(Scalar::to_f64)) * Wide(x[chunk * ROWS + row].map(Scalar::to_f64));
-        });
-        (dot.0[0] + dot.0[1]) + (dot.0[2] + dot.0[3])
+        let rows = y.len();
+        let mut work = StoreAndDot { y, own: &x[chunk * ROWS..], dot: Wide::zero() };
+        cubes.for_rows(chunk, x, rows, &mut work);
+        work.total()
     }
 }
 

@@ -6,7 +6,7 @@
 
 use super::free::FreePattern;
 use super::pcg::kernel::{Inverse, inverse_of_block};
-use crate::Scalar;
+use crate::{Scalar, Wide};
 use std::ops::Range;
 
 /// Rows of a slice.
@@ -42,6 +42,13 @@ struct Layout {
     column: Vec<[u32; SLICE]>,
     /// Which block of the pattern a number is taken from.
     block: Vec<[u32; SLICE]>,
+}
+
+/// What is done with the rows of a product, one after the other. A trait and not a closure, because these must be part of the
+/// loop's code to be compiled for the machine's instructions.
+pub(super) trait RowWork<A> {
+    /// Row `row` of the product, counted from the first of its chunk. Must be `#[inline(always)]`.
+    fn row(&mut self, row: usize, product: Wide<A, 4>);
 }
 
 /// What is wrong with a row of a matrix.
@@ -98,10 +105,9 @@ impl<A: Scalar> Sliced<A> {
         self.layout.load(pattern, chunks, block_of, (&mut self.values, inverse, identity))
     }
 
-    /// Calls `work(row, product)` for all rows of chunk `c`, counted from the first of the chunk, with those rows of the product
-    /// with `x`; its fourth number is zero.
+    /// Hands all rows of chunk `c` of the product with `x` to `work`; their fourth number is zero.
     #[inline(always)]
-    pub fn for_rows(&self, c: usize, x: &[[A; 4]], mut work: impl FnMut(usize, [A; 4])) {
+    pub fn for_rows(&self, c: usize, x: &[[A; 4]], work: &mut impl RowWork<A>) {
         let layout = &self.layout;
         assert!(x.len() >= layout.first_row[layout.first_row.len() - 1] as usize);
         let zero = [A::zero(); 4];
@@ -113,7 +119,7 @@ impl<A: Scalar> Sliced<A> {
                 let part = |k: usize| &q[k].as_chunks::<4>().0[half];
                 let quads = A::transposed([part(0), part(1), part(2), &zero]);
                 for (l, row) in rows.iter().enumerate() {
-                    work(*row as usize, quads[l]);
+                    work.row(*row as usize, Wide(quads[l]));
                 }
             }
         }
@@ -355,6 +361,13 @@ mod tests {
         )
     }
 
+    struct Store<'a, A>(&'a mut [[A; 4]]);
+    impl<A> RowWork<A> for Store<'_, A> {
+        fn row(&mut self, row: usize, product: Wide<A, 4>) {
+            self.0[row] = product.0;
+        }
+    }
+
     fn block<A: Scalar>(free: &FreePattern, k: usize) -> [A; 9] {
         let diagonal = free.diagonal.contains(&(k as u32));
         std::array::from_fn(|i| {
@@ -375,7 +388,7 @@ mod tests {
         let mut y = vec![[A::zero(); 4]; rows];
         let mut first = 0;
         for c in 0..matrix.chunk_count() {
-            matrix.for_rows(c, &x, |r, q| y[first + r] = q);
+            matrix.for_rows(c, &x, &mut Store(&mut y[first..]));
             first = matrix.layout.first_row[c + 1] as usize;
         }
         for i in 0..rows {

@@ -1,8 +1,8 @@
 //! Loops of a level, each over the rows of one chunk: a row of a product is used the moment it is there.
 
 use crate::solver::cubes::FreeCubes;
-use crate::solver::pcg::kernel::Inverse;
-use crate::solver::sliced::Sliced;
+use crate::solver::pcg::kernel::{Inverse, StoreAndDot};
+use crate::solver::sliced::{RowWork, Sliced};
 use crate::{Kernel, Lane, Wide};
 
 type Quad = [f32; 4];
@@ -16,9 +16,9 @@ pub(super) enum Matrix<'a> {
 
 impl Matrix<'_> {
     #[inline(always)]
-    fn for_rows(self, chunk: usize, x: &[Quad], rows: usize, mut work: impl FnMut(usize, Wide<f32, 4>)) {
+    fn for_rows(self, chunk: usize, x: &[Quad], rows: usize, work: &mut impl RowWork<f32>) {
         match self {
-            Self::Stored(matrix) => matrix.for_rows(chunk, x, |row, q| work(row, Wide(q))),
+            Self::Stored(matrix) => matrix.for_rows(chunk, x, work),
             Self::Cubes(cubes) => cubes.for_rows(chunk, x, rows, work),
         }
     }
@@ -45,12 +45,10 @@ impl Kernel for Product<'_> {
     #[inline(always)]
     fn run<const W: usize>(self) -> f64 {
         let Self { matrix, chunk, x, own, y } = self;
-        let mut dot = Wide::<f64, 4>::zero();
-        matrix.for_rows(chunk, x, y.len(), |row, q| {
-            y[row] = q.0;
-            dot += Wide(q.0.map(f64::from)) * Wide(own[row].map(f64::from));
-        });
-        (dot.0[0] + dot.0[1]) + (dot.0[2] + dot.0[3])
+        let rows = y.len();
+        let mut work = StoreAndDot { own, y, dot: Wide::zero() };
+        matrix.for_rows(chunk, x, rows, &mut work);
+        work.total()
     }
 }
 
@@ -92,13 +90,17 @@ pub(super) struct Again<'a> {
 impl Kernel for Again<'_> {
     type Output = ();
     #[inline(always)]
-    fn run<const W: usize>(self) {
-        let Self { matrix, chunk, gain, x, inverse, b, r, d } = self;
-        matrix.for_rows(chunk, x, b.len(), |row, q| {
-            let v = Wide(b[row]) - q;
-            r[row] = v.0;
-            d[row] = (Wide::splat(gain) * times(&inverse[row], v)).0;
-        });
+    fn run<const W: usize>(mut self) {
+        self.matrix.for_rows(self.chunk, self.x, self.b.len(), &mut self);
+    }
+}
+
+impl RowWork<f32> for Again<'_> {
+    #[inline(always)]
+    fn row(&mut self, row: usize, q: Wide<f32, 4>) {
+        let v = Wide(self.b[row]) - q;
+        self.r[row] = v.0;
+        self.d[row] = (Wide::splat(self.gain) * times(&self.inverse[row], v)).0;
     }
 }
 
@@ -121,16 +123,20 @@ pub(super) struct Advance<'a> {
 impl Kernel for Advance<'_> {
     type Output = ();
     #[inline(always)]
-    fn run<const W: usize>(self) {
-        let Self { matrix, chunk, keep, gain, late, d, own, inverse, r, e, x } = self;
-        matrix.for_rows(chunk, d, r.len(), |row, q| {
-            let (v, old) = (Wide(r[row]) - q, Wide(own[row]));
-            r[row] = v.0;
-            let step = Wide::splat(keep) * old + Wide::splat(gain) * times(&inverse[row], v);
-            e[row] = step.0;
-            let before = if late { Wide(x[row]) + old } else { Wide(x[row]) };
-            x[row] = (before + step).0;
-        });
+    fn run<const W: usize>(mut self) {
+        self.matrix.for_rows(self.chunk, self.d, self.own.len(), &mut self);
+    }
+}
+
+impl RowWork<f32> for Advance<'_> {
+    #[inline(always)]
+    fn row(&mut self, row: usize, q: Wide<f32, 4>) {
+        let (v, old) = (Wide(self.r[row]) - q, Wide(self.own[row]));
+        self.r[row] = v.0;
+        let step = Wide::splat(self.keep) * old + Wide::splat(self.gain) * times(&self.inverse[row], v);
+        self.e[row] = step.0;
+        let before = if self.late { Wide(self.x[row]) + old } else { Wide(self.x[row]) };
+        self.x[row] = (before + step).0;
     }
 }
 
@@ -145,9 +151,15 @@ pub(super) struct Reduce<'a> {
 impl Kernel for Reduce<'_> {
     type Output = ();
     #[inline(always)]
-    fn run<const W: usize>(self) {
-        let Self { matrix, chunk, d, r } = self;
-        matrix.for_rows(chunk, d, r.len(), |row, q| r[row] = (Wide(r[row]) - q).0);
+    fn run<const W: usize>(mut self) {
+        self.matrix.for_rows(self.chunk, self.d, self.r.len(), &mut self);
+    }
+}
+
+impl RowWork<f32> for Reduce<'_> {
+    #[inline(always)]
+    fn row(&mut self, row: usize, q: Wide<f32, 4>) {
+        self.r[row] = (Wide(self.r[row]) - q).0;
     }
 }
 
@@ -166,10 +178,15 @@ pub(super) struct Relax<'a> {
 impl Kernel for Relax<'_> {
     type Output = ();
     #[inline(always)]
-    fn run<const W: usize>(self) {
-        let Self { matrix, chunk, x, own, inverse, b, y } = self;
-        matrix.for_rows(chunk, x, b.len(), |row, q| {
-            y[row] = (Wide(own[row]) + times(&inverse[row], Wide(b[row]) - q)).0;
-        });
+    fn run<const W: usize>(mut self) {
+        self.matrix.for_rows(self.chunk, self.x, self.b.len(), &mut self);
+    }
+}
+
+impl RowWork<f32> for Relax<'_> {
+    #[inline(always)]
+    fn row(&mut self, row: usize, q: Wide<f32, 4>) {
+        let step = times(&self.inverse[row], Wide(self.b[row]) - q);
+        self.y[row] = (Wide(self.own[row]) + step).0;
     }
 }

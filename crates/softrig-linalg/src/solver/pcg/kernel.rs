@@ -4,7 +4,7 @@
 //! a zero; it is added all the same, because a compiler that sees it unused takes the other three apart. Dot products are added
 //! in f64 also for f32 vectors.
 
-use crate::solver::sliced::Sliced;
+use crate::solver::sliced::{RowWork, Sliced};
 use crate::{Kernel, Lane, Mat3, Scalar, Vec3, Wide};
 
 /// Inverse of a diagonal block; rows end in a zero.
@@ -36,12 +36,33 @@ impl<A: Scalar> Kernel for Product<'_, A> {
     #[inline(always)]
     fn run<const W: usize>(self) -> f64 {
         let Self { matrix, chunk, x, own, y } = self;
-        let mut dot = Wide::<f64, 4>::zero();
-        matrix.for_rows(chunk, x, |row, q| {
-            y[row] = q;
-            add_dot(&mut dot, Wide(q), Wide(own[row]));
-        });
-        total(dot)
+        let mut work = StoreAndDot { own, y, dot: Wide::<f64, 4>::zero() };
+        matrix.for_rows(chunk, x, &mut work);
+        work.total()
+    }
+}
+
+/// Keeps the rows of a product, and adds up their products with `own`.
+pub(in crate::solver) struct StoreAndDot<'a, A> {
+    /// The rows of the chunk in the vector that is multiplied.
+    pub own: &'a [[A; 4]],
+    pub y: &'a mut [[A; 4]],
+    pub dot: Wide<f64, 4>,
+}
+
+impl<A> StoreAndDot<'_, A> {
+    /// The sum, always in the same order.
+    #[inline(always)]
+    pub fn total(self) -> f64 {
+        total(self.dot)
+    }
+}
+
+impl<A: Scalar> RowWork<A> for StoreAndDot<'_, A> {
+    #[inline(always)]
+    fn row(&mut self, row: usize, q: Wide<A, 4>) {
+        self.y[row] = q.0;
+        add_dot(&mut self.dot, q, Wide(self.own[row]));
     }
 }
 
