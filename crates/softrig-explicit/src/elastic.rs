@@ -15,6 +15,12 @@ pub trait InternalForce<R>: Send {
     fn internal_force(&mut self, position: &[[R; 3]], velocity: &[[R; 3]], force: &mut [[R; 3]]);
 }
 
+impl<R: Scalar> InternalForce<R> for Box<dyn InternalForce<R>> {
+    fn internal_force(&mut self, position: &[[R; 3]], velocity: &[[R; 3]], force: &mut [[R; 3]]) {
+        (**self).internal_force(position, velocity, force);
+    }
+}
+
 impl<R: Scalar> InternalForce<R> for Clustered<R> {
     fn internal_force(&mut self, position: &[[R; 3]], velocity: &[[R; 3]], force: &mut [[R; 3]]) {
         Self::internal_force(self, position, velocity, R::zero(), force);

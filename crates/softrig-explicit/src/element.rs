@@ -39,6 +39,11 @@ pub enum ElementError {
 
 /// Linear or warped elasticity of tetrahedra, cell by cell.
 pub struct ElementWise<R> {
+    /// Rotations follow the positions in every `refresh`th force only [-]; forces between use those of the last. Default 1: always. The
+    /// error of a rotation that is θ behind is of order θ²: explicit steps are so short that 4 is not seen, and costs half.
+    pub refresh: u32,
+    /// Forces since rotations followed.
+    calls: u32,
     warping: Warping,
     parts: Vec<Cells<R>>,
     rest: Vec<[R; 3]>,
@@ -131,6 +136,8 @@ impl<R: Scalar> ElementWise<R> {
             .collect();
         let b = constants.first().map_or(0.0, |c| c.damping);
         Ok(Self {
+            refresh: 1,
+            calls: 0,
             warping,
             parts,
             uniform: constants.iter().all(|c| c.damping == b),
@@ -152,12 +159,15 @@ impl<R: Scalar> ElementWise<R> {
         assert!(position.len() == n && velocity.len() == n && force.len() == n, "one entry per node");
         let input = Input { position, velocity, damping, uniform: self.uniform.then_some(self.damping + damping) };
         let warped = self.warping == Warping::Stiffness;
+        let follow = self.calls == 0;
+        self.calls = if self.calls + 1 < self.refresh { self.calls + 1 } else { 0 };
+        let damped = input.uniform != Some(R::zero());
         part::run(
             &mut self.parts,
             |c| c.part.own.clone(),
             force,
             |cells, out| match (warped, input.uniform) {
-                (true, _) => run_wide::<R, _>(Warped { cells, input, out }),
+                (true, _) => run_wide::<R, _>(Warped { cells, input, follow, damped, out }),
                 (false, Some(factor)) => run_wide::<R, _>(Linear { cells, input, factor, out }),
                 (false, None) => run_wide::<R, _>(LinearTwice { cells, input, out }),
             },
@@ -366,6 +376,10 @@ impl<R: Scalar> Kernel for LinearTwice<'_, R> {
 struct Warped<'a, R> {
     cells: &'a mut Cells<R>,
     input: Input<'a, R>,
+    /// Rotations follow the positions.
+    follow: bool,
+    /// There is damping.
+    damped: bool,
     out: &'a mut [[R; 3]],
 }
 
@@ -373,21 +387,28 @@ impl<R: Scalar> Kernel for Warped<'_, R> {
     type Output = ();
     #[inline(always)]
     fn run<const W: usize>(self) {
-        let Self { cells, input, out } = self;
+        let Self { cells, input, follow, damped, out } = self;
         gather(&cells.part, input.position, &mut cells.u);
-        gather(&cells.part, input.velocity, &mut cells.v);
+        if damped {
+            gather(&cells.part, input.velocity, &mut cells.v);
+        }
         cells.f.fill([R::zero(); 4]);
         for (group, stored) in cells.groups.iter().zip(&mut cells.q) {
-            let F = gradient_of(edges(&cells.u, &group.node), &group.gradient);
-            let q = polar(F, [Wide(stored[0]), Wide(stored[1]), Wide(stored[2]), Wide(stored[3])]);
-            for c in 0..4 {
-                stored[c] = q[c].0;
+            let mut F = gradient_of(edges(&cells.u, &group.node), &group.gradient);
+            let mut q = [Wide(stored[0]), Wide(stored[1]), Wide(stored[2]), Wide(stored[3])];
+            if follow {
+                q = polar(F, q);
+                for c in 0..4 {
+                    stored[c] = q[c].0;
+                }
             }
             let rot = rotation(q);
-            let b = Wide(group.damping) + Wide::splat(input.damping);
-            let L = gradient_of(edges(&cells.v, &group.node), &group.gradient).scale(b);
+            if damped {
+                let b = Wide(group.damping) + Wide::splat(input.damping);
+                F += gradient_of(edges(&cells.v, &group.node), &group.gradient).scale(b);
+            }
             // strain S - I, and its rate times b, in the cell's own axes
-            let E = rot.transpose() * (F + L) - Mat3::identity();
+            let E = rot.transpose() * F - Mat3::identity();
             let P = rot * stress(E, Wide(group.lambda), Wide(group.mu));
             scatter_all(P, group, &mut cells.f);
         }
@@ -402,6 +423,7 @@ impl<R: Scalar> ForceModel<R> for ElementWise<R> {
     }
 
     fn force(&mut self, position: &[[R; 3]], increment: Increment<'_, R>, force: &mut [[R; 3]]) -> f64 {
+        self.calls = 0;
         let zero = vec![[R::zero(); 3]; position.len()];
         let velocity = increment.velocity.unwrap_or(&zero);
         self.internal_force(position, velocity, increment.damping, force);
@@ -420,7 +442,7 @@ impl<R: Scalar> ForceModel<R> for ElementWise<R> {
                         let own: Vec<[R; LANES]> = cells.groups.iter().map(|g| g.damping).collect();
                         cells.groups.iter_mut().for_each(|g| g.damping = [R::one(); LANES]);
                         if warped {
-                            run_wide::<R, _>(Warped { cells, input, out });
+                            run_wide::<R, _>(Warped { cells, input, follow: false, damped: true, out });
                         } else {
                             run_wide::<R, _>(LinearTwice { cells, input, out });
                         }
@@ -437,6 +459,7 @@ impl<R: Scalar> ForceModel<R> for ElementWise<R> {
 
     fn stiffness(&mut self, rate: R, damping: R, matrix: &mut BlockCsr<R>) {
         if self.warping == Warping::Stiffness {
+            self.calls = 0;
             let position = std::mem::take(&mut self.linearised);
             let mut force = vec![[R::zero(); 3]; position.len()];
             let zero = force.clone();

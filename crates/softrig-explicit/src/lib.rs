@@ -22,3 +22,4 @@ pub mod scheme;
 pub mod skeleton;
 pub mod stability;
 pub mod stepper;
+pub mod stress;

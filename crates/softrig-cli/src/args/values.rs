@@ -74,6 +74,10 @@ impl From<SolverName> for SolverKind {
 pub enum PaperName {
     /// Georgii, Lagler, Dick, Westermann 2010: multigrid with skeletal constraints
     G10,
+    /// Tang, Wan, Niquin, Schildknecht 2009: clustered finite elements with skeleton constraints
+    T09,
+    /// Gissler, Becker, Teschner 2006: local constraints of deformable bodies
+    S06,
 }
 
 /// Numbers the simulation computes with.

@@ -1,0 +1,80 @@
+//! Self-assembly [Gissler2006 §4.5]: scattered cubes pull themselves together into a tower, on ramps and without.
+
+use super::picture::{self, Look};
+use super::{Curve, Job, Outcome, Plot, Results, add, energies, failed};
+use softrig::integrate::State;
+use softrig::mesh::VolumeMesh;
+use softrig_explicit::constraint::{Constraint, Constraints};
+use softrig_explicit::mass_point::MassPoints;
+use softrig_explicit::sample::five_tets;
+use softrig_explicit::scheme::Scheme;
+use softrig_explicit::stepper::Stepper;
+use softrig_render::View;
+
+/// Cubes of the tower.
+const CUBES: usize = 8;
+/// Edge of a cube [m].
+const EDGE: f64 = 0.1;
+
+pub fn run(job: &Job, results: &Results) -> Outcome {
+    let cube = five_tets([1, 1, 1], false, |p| p.map(|x| EDGE * x));
+    let mut mesh = VolumeMesh::default();
+    let mut first = Vec::new();
+    for i in 0..CUBES {
+        // on a ring around where the tower will be
+        let turn = i as f64 * 2.4;
+        let at = [0.4 * turn.cos(), 0.05 * i as f64, 0.4 * turn.sin()];
+        first.push(add(&mut mesh, &cube, |p| std::array::from_fn(|k| p[k] + at[k])));
+    }
+    let mut rows = Vec::new();
+    let mut curves = Vec::new();
+    let mut shots = vec![("scattered", mesh.nodes.clone())];
+    for (name, ramp) in [("no ramp", 0), ("ramp of 400 steps", 400)] {
+        let mut set = Constraints::new(mesh.node_count());
+        let top = [2, 3, 6, 7];
+        for c in [0, 1, 4, 5] {
+            let node = first[0] + c;
+            let nail = Constraint::Nail { node, goal: mesh.nodes[node as usize] };
+            set.add(nail).map_err(|e| failed(&e))?;
+        }
+        let mut pairs = Vec::new();
+        for i in 1..CUBES {
+            for c in top {
+                let nodes = vec![first[i - 1] + c, first[i] + c - 2];
+                let id = set.add(Constraint::PointsToPoint { nodes: nodes.clone() }).map_err(|e| failed(&e))?;
+                set.ramp(id, ramp).map_err(|e| failed(&e))?;
+                pairs.push(nodes);
+            }
+        }
+        let mut law = MassPoints::new(&mesh, &energies()).map_err(|e| failed(&e))?;
+        law.drag = 4.0;
+        let mass = law.mass().to_vec();
+        let mut stepper = Stepper::new(Scheme::Verlet, &mass, &mesh.nodes, &mut law, 4.0).map_err(|e| failed(&e))?;
+        let dt = 0.25 * stepper.limit();
+        let mut state = State::at_rest(mesh.nodes.clone());
+        let steps = if job.quick { 420 } else { 4000 };
+        let (mut points, mut fastest, mut came_apart) = (Vec::new(), 0.0f64, String::from("never"));
+        for k in 0..steps {
+            if let Err(e) = stepper.step(&mut law, Some(&mut set), &mut state, dt) {
+                came_apart = format!("step {k}: {e}").replace([',', ';'], " ");
+                break;
+            }
+            fastest = state.velocity.iter().flatten().fold(fastest, |m, v| m.max(v.abs()));
+            let gap = pairs.iter().map(|p| {
+                let [a, b] = [p[0], p[1]].map(|n| state.position[n as usize]);
+                (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt()
+            });
+            points.push((k as f64, gap.fold(0.0, f64::max)));
+        }
+        let last = points.last().map_or(f64::NAN, |p| p.1);
+        rows.push(vec![name.into(), format!("{last:.2e}"), format!("{fastest:.1}"), came_apart]);
+        curves.push(Curve { name, points: points.into_iter().take(600).collect() });
+        shots.push((name, state.position.clone()));
+    }
+    results.table("assembly", &["run", "largest_gap_at_the_end_m", "fastest_m_per_s", "came_apart"], &rows)?;
+    let plot = Plot { title: "Self-assembly", x: "step", y: "largest gap [m]", log: false, curves };
+    results.plot("assembly", &plot)?;
+    let look = Look { title: "", range: [0.0, 1.0], view: View::ThreeQuarter };
+    let shown: Vec<_> = shots.iter().map(|(n, s)| (*n, &s[..], None)).collect();
+    picture::states(results, "assembly.png", &mesh, &look, &shown)
+}
