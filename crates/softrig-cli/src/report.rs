@@ -88,6 +88,12 @@ pub struct BakeReport {
     pub cell_volume_ratio_p99: f64,
     /// Most cells inverted in one frame.
     pub inverted_cells_max: usize,
+    /// Whether flesh moves the skeleton too.
+    pub two_way: bool,
+    /// Unknowns of the skeleton: what its joints leave free.
+    pub joint_unknowns: usize,
+    /// How far the worst joint was beyond its limits [rad].
+    pub limit_violation_max_rad: f64,
     /// How many times stiffer than asked for the stiffest cell is, so that the clip does not crush it [-]; 1 where none is.
     pub stiffened_max: f64,
     /// Largest part of the morph targets' fit that is wrong, over the height [-]; only for .glb.

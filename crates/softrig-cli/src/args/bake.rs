@@ -4,6 +4,7 @@ use super::values::{
     DynamicsName, FrameRange, KindName, Precision, SolverName, UpAxis, at_least_one, not_negative, positive,
     preset_named,
 };
+use crate::scene::RootName;
 use clap::Args;
 use softrig::material::MaterialPreset;
 use std::path::PathBuf;
@@ -82,6 +83,22 @@ pub struct BakeArgs {
     /// Numbers to compute with [default: f64]
     #[arg(long, value_name = "P", help_heading = "Physics")]
     pub precision: Option<Precision>,
+
+    /// Lets flesh and gravity move the skeleton too: joints within limits, bones rigid
+    #[arg(long, help_heading = "Two-way coupling")]
+    pub two_way: bool,
+    /// How much the clip leads the joints, 0 (limp) to 1 (exactly) [default: 0.9]
+    #[arg(long, value_name = "X", value_parser = not_negative, allow_negative_numbers = true, help_heading = "Two-way coupling")]
+    pub drive: Option<f64>,
+    /// How the skeleton as a whole is held [default: driven]
+    #[arg(long, value_name = "HOW", help_heading = "Two-way coupling")]
+    pub root: Option<RootName>,
+    /// Write the moved skeleton as a clip: .glb or .gltf (a copy of the character with one more clip) or .bvh
+    #[arg(long, value_name = "S.glb|S.bvh", help_heading = "Two-way coupling")]
+    pub skeleton: Option<PathBuf>,
+    /// Write force and torque that every joint passes on in every frame as CSV
+    #[arg(long, value_name = "R.csv", help_heading = "Two-way coupling")]
+    pub reactions: Option<PathBuf>,
 
     /// Which cells.
     #[command(flatten)]

@@ -44,7 +44,8 @@ pub fn run(args: &DemoArgs) -> Outcome {
     // frames stay in the journal until all results are made from it
     let target = Target::new(&file("softrig-journal"), Policy::Replace, None)?;
     let Some(clip) = clips.first() else { return Ok(()) };
-    bake_clip(&Job { scene: &scene, prepared: &prepared, clip, target: &target }, None)?;
+    let sides = bake::Sides::default();
+    bake_clip(&Job { scene: &scene, prepared: &prepared, clip, target: &target, sides }, None, None)?;
     ui::note("drawing");
     draw(&target.journal, &gif)?;
     for (format, path) in [(Format::Pc2, &pc2), (Format::Glb, &glb)] {

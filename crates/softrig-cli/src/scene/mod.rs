@@ -1,11 +1,13 @@
 //! The scene file: what a character file cannot say, in TOML. One tree of structs is the single source for reading, writing,
 //! the JSON schema and `docs/scene.md`.
 
+mod coupling;
 mod overrides;
 mod read;
 mod rigid;
 mod template;
 
+pub use coupling::{Chosen, Coupling, Event, Joint, JointName, RootName, SchemeName};
 pub use read::{SceneError, is_bvh, parse, read};
 pub use template::template;
 
@@ -45,6 +47,15 @@ pub struct Scene {
     /// Meshes that are carried whole by one joint instead of getting flesh: armour, eyes, teeth.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub rigid: Vec<Rigid>,
+    /// Whether flesh moves the skeleton too, and how far the clip leads it.
+    #[serde(default)]
+    pub coupling: Coupling,
+    /// What single joints can do in a two-way coupling, instead of what is chosen from clips and names.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub joint: Vec<Joint>,
+    /// What happens to the character: drags, pulls, pins, wind. Baked again, it happens again exactly.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub event: Vec<Event>,
 }
 
 /// How to read the character. `height` and `unit` exclude each other; without either the unit is guessed and said.
@@ -69,6 +80,9 @@ pub struct Motion {
     /// Name or number of a clip in the character file, `all`, or a .bvh file relative to this scene. Without it: the first clip.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub clip: Option<String>,
+    /// Pairs of joint names, `[[motion, character], ...]`, for a .bvh file whose joints are called otherwise.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub names: Vec<[String; 2]>,
     /// Frames per second of the result [1/s].
     pub fps: f64,
     /// Frames to bake, `"A..B"`, counted from 0, B left out. Without it: the whole clip.
@@ -85,7 +99,7 @@ pub struct Motion {
 impl Default for Motion {
     fn default() -> Self {
         // 30 frames per second is what most game and web clips are sampled at
-        Self { clip: None, fps: 30.0, frames: None, speed: 1.0, preroll: 0.5, sag: true }
+        Self { clip: None, names: Vec::new(), fps: 30.0, frames: None, speed: 1.0, preroll: 0.5, sag: true }
     }
 }
 

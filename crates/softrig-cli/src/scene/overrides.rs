@@ -21,6 +21,9 @@ impl Scene {
         set(&mut s.tolerance, args.tolerance);
         set(&mut s.precision, args.precision);
         set(&mut self.material.preset, args.preset);
+        self.coupling.two_way |= args.two_way;
+        set(&mut self.coupling.root, args.root);
+        set(&mut self.coupling.drive, args.drive);
     }
 
     /// As [`Self::override_with`], for how the file is read.

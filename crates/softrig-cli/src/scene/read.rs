@@ -148,6 +148,19 @@ impl Scene {
             exclusive(&key, ("exclude", bone.exclude), ("whole", bone.whole))?;
             exclusive(&key, ("radius", bone.radius.is_some()), ("exclude or whole", bone.exclude || bone.whole))?;
         }
+        within("coupling.drive", Some(self.coupling.drive), 0.0..=1.0, "it must be between 0 and 1")?;
+        within("coupling.damping", Some(self.coupling.damping), 0.0..=1e12, "it must be 0 or more")?;
+        for joint in &self.joint {
+            let key = format!("joint `{}`", joint.joint);
+            within(&format!("{key}: drive"), joint.drive, 0.0..=1.0, "it must be between 0 and 1")?;
+        }
+        if !(self.joint.is_empty() || self.coupling.two_way) {
+            let text = "[[joint]] has no meaning while only the clip moves joints; set two_way = true under [coupling]";
+            return Err(SceneError::Conflict(text.into()));
+        }
+        for (i, event) in self.event.iter().enumerate() {
+            event.check(i)?;
+        }
         Ok(())
     }
 }

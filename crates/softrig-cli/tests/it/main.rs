@@ -10,6 +10,7 @@ mod journal;
 mod real;
 mod shared;
 mod slivers;
+mod twoway;
 mod usage;
 
 use std::path::Path;

@@ -6,6 +6,7 @@
 //! Position: the path of the motion's root, scaled by the ratio of the hip heights.
 
 use super::Bvh;
+use super::roles::roles;
 use super::write::rotation;
 use crate::error::{ImportError, Place};
 use glam::{DQuat, DVec3};
@@ -34,9 +35,35 @@ struct Pair {
 /// # Errors
 /// [`ImportError::Unsupported`] when no joint of one has a namesake in the other.
 pub fn apply_to(character: &Character, bvh: &Bvh) -> Result<(Clip, Vec<String>), ImportError> {
+    apply_named(character, bvh, &[])
+}
+
+/// As [`apply_to`], with pairs of names (of the motion, of the character) that come before all others. Joints without a namesake
+/// are paired by what their names say they are: arms, legs, spine, as CMU, Mixamo, Blender and others name them.
+///
+/// # Errors
+/// As [`apply_to`]; also when a name is that of no joint.
+pub fn apply_named(
+    character: &Character,
+    bvh: &Bvh,
+    named: &[[String; 2]],
+) -> Result<(Clip, Vec<String>), ImportError> {
     let skeleton = &character.skeleton;
     let mut notes = Vec::new();
-    let mut pairs = pairs(skeleton, &bvh.skeleton);
+    let mut given = Vec::new();
+    for [from, to] in named {
+        let pair = (bvh.skeleton.find(from), skeleton.find(to));
+        let (Some(source), Some(target)) = pair else {
+            let (file, name) = if pair.0.is_none() { ("motion", from) } else { ("character", to) };
+            let reason = format!("the {file} has no joint `{name}`, which the map of names has");
+            return Err(ImportError::unsupported(&bvh.file, Place::Whole, reason, "correct the name"));
+        };
+        given.push((target, source));
+    }
+    let (mut pairs, by_role) = pairs(skeleton, &bvh.skeleton, &given);
+    if by_role > 0 {
+        notes.push(format!("{by_role} joints were paired by what their names say they are"));
+    }
     if pairs.is_empty() {
         let reason = format!(
             "no joint of the motion has a namesake in `{}`: the motion has {}; the character has {}",
@@ -86,10 +113,35 @@ fn plain(name: &str) -> String {
 }
 
 /// Pairs with those above first.
-fn pairs(target: &Skeleton, source: &Skeleton) -> Vec<Pair> {
+fn pairs(target: &Skeleton, source: &Skeleton, given: &[(JointId, JointId)]) -> (Vec<Pair>, usize) {
     let mut by_name = HashMap::new();
     for (i, joint) in source.joints().iter().enumerate() {
         by_name.entry(plain(&joint.name)).or_insert(JointId(i as u32));
+    }
+    let mut source_of: HashMap<JointId, JointId> = given.iter().copied().collect();
+    by_name.retain(|_, id| !given.iter().any(|g| g.1 == *id));
+    // namesakes, then joints of the same role
+    for &id in target.order() {
+        let joint = target.joint(id);
+        if joint.local_matrix.is_none()
+            && !source_of.contains_key(&id)
+            && let Some(found) = by_name.remove(&plain(&joint.name))
+        {
+            source_of.insert(id, found);
+        }
+    }
+    let (ours, theirs) = (roles(target), roles(source));
+    let mut by_role = 0;
+    for &id in target.order() {
+        let role = ours.iter().find(|r| *r.1 == id).map(|r| r.0);
+        if let Some(found) = role.and_then(|r| theirs.get(r))
+            && target.joint(id).local_matrix.is_none()
+            && !source_of.contains_key(&id)
+            && !source_of.values().any(|s| s == found)
+        {
+            source_of.insert(id, *found);
+            by_role += 1;
+        }
     }
     let mut pair_of_joint: Vec<Option<usize>> = vec![None; target.joint_count()];
     let mut pairs: Vec<Pair> = Vec::new();
@@ -99,13 +151,13 @@ fn pairs(target: &Skeleton, source: &Skeleton) -> Vec<Pair> {
         pair_of_joint[id.index()] = above;
         // each joint of the motion moves one joint, and a node with a matrix cannot be moved
         if joint.local_matrix.is_none()
-            && let Some(found) = by_name.remove(&plain(&joint.name))
+            && let Some(&found) = source_of.get(&id)
         {
             pair_of_joint[id.index()] = Some(pairs.len());
             pairs.push(Pair { source: found, target: id, above, align: DQuat::IDENTITY });
         }
     }
-    pairs
+    (pairs, by_role)
 }
 
 fn at(map: &Affine) -> DVec3 {

@@ -7,9 +7,10 @@
 mod apply;
 mod build;
 mod parse;
+mod roles;
 mod write;
 
-pub use apply::apply_to;
+pub use apply::{apply_named, apply_to};
 pub use write::to_text;
 
 use crate::error::ImportError;

@@ -12,12 +12,14 @@ mod output;
 mod principal;
 mod rigid;
 mod series;
+mod skeleton;
 mod space;
 mod usda;
 mod vtu;
 
 pub use cache_reader::{CacheError, PointCache};
 pub(crate) use output::temporary_beside;
+pub use skeleton::{clip_of_poses, gltf_with_clip};
 
 use crate::error::in_words;
 use crate::journal::{Existing, JournalError, JournalReader};

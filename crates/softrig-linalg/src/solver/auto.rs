@@ -1,6 +1,6 @@
 //! The cheaper of two solvers, by counted work.
 
-use super::{LinearSolver, LinearSystem, Multigrid, Pcg, SolveError, SolveReport, Traffic};
+use super::{LinearSolver, LinearSystem, Multigrid, Pcg, Preconditioner, SolveError, SolveReport, Traffic};
 use crate::{BlockCsr, BlockPattern, DofConstraints, Scalar};
 use std::sync::Arc;
 
@@ -92,6 +92,10 @@ impl<R: Scalar> LinearSolver<R> for Auto<R> {
     fn forget(&mut self) {
         self.multigrid.forget();
         self.classes.clear();
+    }
+
+    fn preconditioner(&mut self) -> Option<&mut dyn Preconditioner<R>> {
+        self.multigrid.preconditioner()
     }
 
     fn solve(

@@ -7,6 +7,7 @@ mod direct;
 mod free;
 mod multigrid;
 mod pcg;
+mod precondition;
 mod quads;
 mod residual;
 pub(crate) mod sliced;
@@ -16,6 +17,7 @@ pub use auto::Auto;
 pub use direct::Direct;
 pub use multigrid::{Interpolation, Marking, Multigrid, MultigridSettings, Outer, Rebuild, Smoother};
 pub use pcg::Pcg;
+pub use precondition::{Operator, Preconditioner};
 
 use crate::{BlockCsr, BlockPattern, CubeMatrix, DofConstraints, Scalar};
 use std::sync::Arc;
@@ -122,6 +124,11 @@ pub trait LinearSolver<R>: Send {
 
     /// What an iteration reads and writes, by count; `None` for solvers that do not count it.
     fn traffic(&self) -> Option<Traffic> {
+        None
+    }
+
+    /// The solver's preconditioner, where it has one that others can use.
+    fn preconditioner(&mut self) -> Option<&mut dyn Preconditioner<R>> {
         None
     }
 

@@ -98,8 +98,8 @@ pub struct Binding {
     /// Nodes that belong to pieces bound whole, because too few of their nodes were.
     pub whole_nodes: usize,
     /// First entry of each node in `bone` and `weight`, and one past the last.
-    start: Vec<u32>,
-    entry: Vec<(u32, f64)>,
+    pub(super) start: Vec<u32>,
+    pub(super) entry: Vec<(u32, f64)>,
 }
 
 impl Binding {

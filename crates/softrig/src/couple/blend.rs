@@ -102,6 +102,62 @@ pub fn blend_rotation(motions: &[BoneMotion], weights: &[(u32, f64)]) -> [f64; 4
     sum.normalize().to_array()
 }
 
+/// How a point moves with its bones: for every entry of `weights` the 3x6 matrix (rows one after the other) that takes the
+/// bone's twist to the point's velocity. A twist is the angular velocity and the velocity of the bone at its `origin`, in
+/// world axes. The derivative of [`blend_point`].
+pub(crate) fn blend_derivative(
+    motions: &[BoneMotion],
+    weights: &[(u32, f64)],
+    p: [f64; 3],
+    origin: &[DVec3],
+    out: &mut [[f64; 18]],
+) {
+    if let [(bone, _)] = weights {
+        let r = DVec3::from(motions[*bone as usize].map.point(p)) - origin[*bone as usize];
+        out[0] = [
+            0.0, r.z, -r.y, 1.0, 0.0, 0.0, //
+            -r.z, 0.0, r.x, 0.0, 1.0, 0.0, //
+            r.y, -r.x, 0.0, 0.0, 0.0, 1.0,
+        ];
+        return;
+    }
+    let Some(&(first, _)) = weights.first() else { return };
+    let pivot = motions[first as usize].real;
+    let x = DVec3::from(p);
+    let zero = DQuat::from_xyzw(0.0, 0.0, 0.0, 0.0);
+    let (mut stretched, mut real, mut dual) = (x, zero, zero);
+    let signed = |m: &BoneMotion, w: f64| if m.real.dot(pivot) < 0.0 { -w } else { w };
+    for &(bone, w) in weights {
+        let m = &motions[bone as usize];
+        if !m.is_rigid {
+            stretched += m.stretch * (x - m.centre) * w;
+        }
+        real += m.real * signed(m, w);
+        dual += m.dual * signed(m, w);
+    }
+    let scale = 1.0 / real.length();
+    let (real, dual) = (real * scale, dual * scale);
+    let (back, arm) = (real.conjugate(), real * stretched);
+    for (&(bone, w), out) in weights.iter().zip(out) {
+        let m = &motions[bone as usize];
+        let half = 0.5 * signed(m, w) * scale;
+        for c in 0..6 {
+            let axis = DVec3::AXES[c % 3];
+            let (turn, velocity) = if c < 3 { (axis, origin[bone as usize].cross(axis)) } else { (DVec3::ZERO, axis) };
+            let pure = |v: DVec3| DQuat::from_xyzw(v.x, v.y, v.z, 0.0);
+            // of the weighted sums, then of the normalised ones
+            let d_real = pure(turn) * m.real * half;
+            let d_dual = (pure(turn) * m.dual + pure(velocity) * m.real) * half;
+            let growth = d_real.dot(real);
+            let (d_real, d_dual) = (d_real - real * growth, d_dual - dual * growth);
+            let spin = d_real * back * 2.0;
+            let shift = (d_dual * back + dual * d_real.conjugate()) * 2.0;
+            let moved = DVec3::new(spin.x, spin.y, spin.z).cross(arm) + DVec3::new(shift.x, shift.y, shift.z);
+            (0..3).for_each(|r| out[6 * r + c] = moved[r]);
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -142,5 +198,42 @@ mod tests {
         let twisted = BoneMotion::new(&map([a.sin(), 0.0, 0.0, a.cos()], [0.0; 3], [1.0; 3]), [0.0; 3]);
         let p = blend_point(&[still, twisted], &[(0, 0.5), (1, 0.5)], [0.1, 1.0, 0.0]);
         assert!((p[1].hypot(p[2]) - 1.0).abs() < 1e-12, "{p:?}");
+    }
+
+    /// Central differences of the blended position under a twist of each bone, for rigid and stretched bones and for nodes
+    /// of one bone and of several.
+    #[test]
+    fn derivatives_are_those_of_the_blended_position() {
+        let turned = |q: [f64; 4], t, s: f64| map(q, t, [s, s, 1.1 * s]);
+        let maps = [
+            turned([0.2, -0.5, 0.1, 0.8], [1.0, 2.0, -3.0], 1.0),
+            turned([0.6, 0.1, 0.1, 0.7], [1.2, 1.7, -3.1], 1.2),
+            turned([-0.1, -0.3, 0.4, -0.8], [0.9, 2.2, -2.8], 0.9),
+        ];
+        let joints = [[0.3, 0.1, 0.0], [0.1, 0.5, 0.2], [-0.2, 0.3, 0.6]];
+        let motions = |maps: &[Affine; 3]| [0, 1, 2].map(|b| BoneMotion::new(&maps[b], joints[b]));
+        let origin: Vec<DVec3> = (0..3).map(|b| DVec3::from(maps[b].point(joints[b]))).collect();
+        let p = [0.4, -0.2, 0.7];
+        for weights in [&[(1, 1.0)][..], &[(0, 0.5), (2, 0.3), (1, 0.2)]] {
+            let mut matrix = vec![[0.0; 18]; weights.len()];
+            blend_derivative(&motions(&maps), weights, p, &origin, &mut matrix);
+            for (entry, (bone, _)) in weights.iter().enumerate() {
+                for c in 0..6 {
+                    let side = |h: f64| {
+                        let mut maps = maps;
+                        let (b, at) = (*bone as usize, origin[*bone as usize]);
+                        let axis = DVec3::AXES[c % 3] * h;
+                        let q = if c < 3 { DQuat::from_scaled_axis(axis) } else { DQuat::IDENTITY };
+                        let turn = Affine::from_rotation(q.to_array());
+                        let shift = at - q * at + if c < 3 { DVec3::ZERO } else { axis };
+                        maps[b] = Affine { translation: shift.into(), ..turn }.after(&maps[b]);
+                        DVec3::from(blend_point(&motions(&maps), weights, p))
+                    };
+                    let difference = (side(1e-5) - side(-1e-5)) / 2e-5;
+                    let column = DVec3::new(matrix[entry][c], matrix[entry][6 + c], matrix[entry][12 + c]);
+                    assert!((difference - column).length() < 1e-8, "{weights:?} {entry} {c} {difference} {column}");
+                }
+            }
+        }
     }
 }

@@ -12,6 +12,7 @@ pub use dynamics::Dynamics;
 pub use guard::Guarded;
 pub use implicit::{Implicit, Scheme};
 pub use start::initial_acceleration;
+pub(crate) use system::StepSystem;
 
 use crate::body::Body;
 use softrig_linalg::{LinearSolver, Scalar, SolveError};

@@ -4,7 +4,7 @@ use crate::body::Body;
 use softrig_linalg::{BlockCsr, CubeMatrix, LinearSystem, Scalar};
 
 /// K + vd C + ad M at the last linearisation.
-pub(super) struct StepSystem<'a, R> {
+pub(crate) struct StepSystem<'a, R> {
     body: &'a mut Body<R>,
     /// vd [1/s] and ad [1/s2].
     factors: (R, R),

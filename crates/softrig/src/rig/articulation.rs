@@ -84,6 +84,14 @@ pub struct Base {
     world: Vec<Affine>,
 }
 
+impl Base {
+    /// World frame that the clip gives a joint.
+    #[must_use]
+    pub fn world(&self, joint: JointId) -> &Affine {
+        &self.world[joint.index()]
+    }
+}
+
 /// How the skeleton moves with one unknown: each point x of a moved bone by `omega` × x + `velocity`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Column {

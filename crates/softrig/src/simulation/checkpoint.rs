@@ -49,6 +49,10 @@ impl<R: Scalar> Simulation<R> {
         let history = self.body.model.history();
         out.extend_from_slice(&(history.len() as u64).to_le_bytes());
         history.iter().flatten().for_each(|v| put(&mut out, v.to_f64()));
+        if let Some(c) = &mut self.coupled {
+            c.stepper.forget();
+            c.now.write(&mut out);
+        }
         Checkpoint(out)
     }
 
@@ -73,6 +77,12 @@ impl<R: Scalar> Simulation<R> {
         }
         let cells = self.body.mesh.cell_count();
         let history = bytes.rows::<R, 4>(cells)?;
+        let mut moving = None;
+        if let Some(c) = &self.coupled {
+            let numbers = bytes.0.len() / 8;
+            let numbers: Vec<f64> = (0..numbers).map(|_| bytes.number()).collect::<Result<_, _>>()?;
+            moving = Some(c.now.read(&numbers).ok_or(CheckpointError::Mismatch("another skeleton"))?);
+        }
         if !bytes.0.is_empty() {
             return Err(CheckpointError::Mismatch("trailing bytes"));
         }
@@ -84,11 +94,17 @@ impl<R: Scalar> Simulation<R> {
         self.solver.forget();
         self.last_move = Some(last_move).filter(|m| !m.is_nan());
         self.pose = motion.pose(time);
+        if let (Some(c), Some(moving)) = (&mut self.coupled, moving) {
+            c.now = moving;
+            c.stepper.forget();
+            c.articulation.base_into(&self.skeleton, &self.pose, &mut c.base);
+            c.articulation.pose_into(&self.skeleton, &c.base, &c.now.configuration, &mut self.pose);
+        }
         Ok(())
     }
 }
 
-fn put(out: &mut Vec<u8>, v: f64) {
+pub(super) fn put(out: &mut Vec<u8>, v: f64) {
     out.extend_from_slice(&v.to_le_bytes());
 }
 

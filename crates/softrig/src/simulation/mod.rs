@@ -3,16 +3,23 @@
 //! Bone-bound nodes are prescribed: at the end of every step they are exactly where their bones are [Georgii2010 §3.1].
 
 mod checkpoint;
+mod coupling;
 mod drive;
+mod event;
 mod motion;
 mod settings;
 mod skin;
+mod staggered;
 mod stiffen;
+mod two_way;
 
 pub use checkpoint::{Checkpoint, CheckpointError};
+pub use coupling::{Coupling, JointReaction, TwoWay, TwoWayScheme, root_bones};
+pub use event::{Action, Event, Key, along};
 pub use motion::{ClipMotion, Motion, RestMotion};
 pub use settings::{FrameReport, SimulationSettings, SolverKind, interpolations};
 pub use stiffen::stiffening;
+pub use two_way::CoupleError;
 
 use crate::body::{Body, BodyError};
 use crate::character::Character;
@@ -70,6 +77,10 @@ pub struct Simulation<R> {
     course: Course,
     /// Largest move of a bound node in the last frame [m]: tells a teleport from a fast motion.
     last_move: Option<f64>,
+    /// What a coupled simulation knows besides.
+    coupled: Option<Box<coupling::CoupledState<R>>>,
+    /// Speed of sound in the stiffest flesh [m/s].
+    wave_speed: f64,
 }
 
 /// The poses of a frame, kept for the next one.
@@ -116,6 +127,10 @@ impl<R: Scalar> Simulation<R> {
             // the literal scheme is undamped
             materials.materials.iter_mut().for_each(|m| m.stiffness_damping = 0.0);
         }
+        let square = |c: usize| materials.get(c).young_modulus / materials.get(c).density;
+        let cells =
+            if materials.of_cell.is_empty() && materials.stiffness_factor.is_empty() { 1 } else { mesh.cell_count() };
+        let wave_speed = (0..cells.min(mesh.cell_count())).map(square).fold(0.0, f64::max).sqrt();
         let body = Body::new(mesh, &materials, ElasticModel::Corotated, constraints)?;
         let mut solver = settings.solver.build::<R>(&body.mesh);
         solver.prepare(&body.pattern, &body.constraints)?;
@@ -144,6 +159,8 @@ impl<R: Scalar> Simulation<R> {
             binding,
             settings,
             last_move: None,
+            coupled: None,
+            wave_speed,
         })
     }
 
@@ -155,7 +172,11 @@ impl<R: Scalar> Simulation<R> {
     pub fn start(&mut self, motion: &dyn Motion) -> Result<FrameReport, StepError> {
         let before = self.state.clone();
         let history = self.body.model.history();
-        let pose = motion.pose(0.0);
+        let mut pose = motion.pose(0.0);
+        if self.coupled.is_some() {
+            pose = self.led_pose(pose);
+            self.solver.forget();
+        }
         let drive = self.drive(&pose);
         let placed = self.placed(&drive);
         self.body.model.restore(&[]);
@@ -163,10 +184,12 @@ impl<R: Scalar> Simulation<R> {
         let mut report = FrameReport::default();
         match self.settle(&drive, &mut report) {
             Ok(()) => {
-                self.move_with_bones(&placed, &self.drive(&motion.pose(START_LOOK)), START_LOOK);
+                let next = self.led_pose(motion.pose(START_LOOK));
+                self.move_with_bones(&placed, &self.drive(&next), START_LOOK);
                 self.state.time = 0.0;
                 self.pose = pose;
                 self.last_move = None;
+                self.start_coupled(&motion.pose(0.0));
                 self.collect_joint_force(&drive);
                 Ok(report)
             }
@@ -222,7 +245,10 @@ impl<R: Scalar> Simulation<R> {
         }
         // memory of the last frame: advancing takes none of its own
         let mut course = std::mem::take(&mut self.course);
-        let result = self.advance_along(&mut course, motion, time);
+        let result = match self.coupled {
+            None => self.advance_along(&mut course, motion, time),
+            Some(_) => self.advance_coupled(&mut course, motion, time),
+        };
         self.course = course;
         result
     }
@@ -328,6 +354,13 @@ impl<R: Scalar> Simulation<R> {
         integrator: Option<&mut Implicit<R>>,
         report: &mut FrameReport,
     ) -> Result<(), StepError> {
+        self.set_targets(drive, dt);
+        self.external_force(drive);
+        self.integrate(dt, integrator, report)
+    }
+
+    /// Where bound nodes are at the end of a step, and how fast they get there.
+    fn set_targets(&mut self, drive: &Drive, dt: f64) {
         let rest = &self.body.mesh.nodes;
         let inverse_dt = R::from_f64(1.0 / dt);
         for n in (0..rest.len()).filter(|n| self.binding.bound[*n]) {
@@ -336,7 +369,15 @@ impl<R: Scalar> Simulation<R> {
             self.scratch.target_position[n] = target;
             self.scratch.target_velocity[n] = std::array::from_fn(|k| (target[k] - x[k]) * inverse_dt);
         }
-        self.external_force(drive);
+    }
+
+    /// One step of the flesh under the external forces and targets that are set.
+    fn integrate(
+        &mut self,
+        dt: f64,
+        integrator: Option<&mut Implicit<R>>,
+        report: &mut FrameReport,
+    ) -> Result<(), StepError> {
         let input = StepInput {
             target_position: &self.scratch.target_position,
             target_velocity: &self.scratch.target_velocity,

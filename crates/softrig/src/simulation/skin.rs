@@ -47,6 +47,14 @@ impl SkinCarrier {
         Ok(Self { points: weld.positions, embedding, meshes, positions })
     }
 
+    /// Nodes and weights of a vertex that flesh carries.
+    pub fn point(&self, mesh: usize, vertex: usize) -> Option<Vec<(u32, f64)>> {
+        let CarriedMesh::Flesh(points) = self.meshes.get(mesh)? else { return None };
+        let p = *points.get(vertex)? as usize;
+        let range = self.embedding.start[p] as usize..self.embedding.start[p + 1] as usize;
+        Some(range.map(|k| (self.embedding.node[k], self.embedding.weight[k])).collect())
+    }
+
     /// Moves the skin to where the nodes and the bones are.
     pub fn carry<R: Scalar>(&mut self, nodes: &[[R; 3]], skeleton: &Skeleton, pose: &Pose) {
         self.embedding.apply(nodes, &mut self.points);

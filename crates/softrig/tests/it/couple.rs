@@ -14,7 +14,7 @@ const RINGS: usize = 61;
 const SIDES: usize = 24;
 
 /// A limb along X from -0.3 to 0.3 m, radius 6 cm, with its joint at the origin and weights that change over three radii.
-fn limb() -> Character {
+pub fn limb() -> Character {
     let mut positions = Vec::new();
     let mut weights = SkinWeights::default();
     for r in 0..RINGS {

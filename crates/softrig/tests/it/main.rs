@@ -11,3 +11,4 @@ mod hard;
 mod mesh;
 mod multigrid;
 mod rig;
+mod twoway;

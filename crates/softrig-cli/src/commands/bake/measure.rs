@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use softrig::couple::Binding;
 use softrig::mesh::{VolumeMesh, deformation_stats};
 use softrig::rig::{JointId, Pose, Skeleton, Transform};
-use softrig::simulation::FrameReport;
+use softrig::simulation::{FrameReport, JointReaction};
 use std::time::Duration;
 
 /// Everything measured so far.
@@ -26,6 +26,11 @@ pub struct Measures {
     volume: (f64, f64),
     cell_volume: (f64, f64),
     inverted_cells_max: usize,
+    #[serde(default)]
+    limit_violation_max: f64,
+    /// Force and torque of each joint, frame by frame, where they are asked for.
+    #[serde(default)]
+    reactions: Vec<Vec<[f32; 6]>>,
     /// Name of the bone with most of the inverted cells in the frame that had most of them.
     crushed_bone: Option<String>,
 }
@@ -47,6 +52,8 @@ impl Default for Measures {
             volume: (f64::INFINITY, f64::NEG_INFINITY),
             cell_volume: (f64::INFINITY, f64::NEG_INFINITY),
             inverted_cells_max: 0,
+            limit_violation_max: 0.0,
+            reactions: Vec::new(),
             crushed_bone: None,
         }
     }
@@ -96,9 +103,18 @@ impl Measures {
 
     /// Measures the bones in one frame: how far the realised `pose` is from the lengths that the clip's local transforms
     /// `locals` give them, and how far those are from the rest shape.
-    pub fn add_pose(&mut self, skeleton: &Skeleton, binding: &Binding, pose: &Pose, locals: &[Transform], height: f64) {
+    /// Joints in `free` leave their parent on purpose.
+    pub fn add_pose(
+        &mut self,
+        skeleton: &Skeleton,
+        binding: &Binding,
+        pose: &Pose,
+        locals: &[Transform],
+        height: f64,
+        free: &[JointId],
+    ) {
         let distance = |a: [f64; 3], b: [f64; 3]| length([a[0] - b[0], a[1] - b[1], a[2] - b[2]]);
-        for bone in &binding.bones {
+        for bone in binding.bones.iter().filter(|b| !free.contains(&b.joint)) {
             let joint = skeleton.joint(bone.joint);
             let Some(parent) = joint.parent else { continue };
             let rest = distance(joint.rest.translation, skeleton.joint(parent).rest.translation);
@@ -112,6 +128,22 @@ impl Measures {
                 self.clip_bone_length_change_max = self.clip_bone_length_change_max.max((clip / rest - 1.0).abs());
             }
         }
+    }
+
+    /// Measures the joints in one frame; keeps what they pass on when it is asked for.
+    pub fn add_joints(&mut self, limit_violation: f64, reactions: Option<&[JointReaction]>) {
+        self.limit_violation_max = self.limit_violation_max.max(limit_violation);
+        if let Some(all) = reactions {
+            let row =
+                |r: &JointReaction| std::array::from_fn(|k| if k < 3 { r.force[k] } else { r.torque[k - 3] } as f32);
+            self.reactions.push(all.iter().map(row).collect());
+        }
+    }
+
+    /// What [`Self::add_joints`] kept.
+    #[must_use]
+    pub fn reactions(&self) -> &[Vec<[f32; 6]>] {
+        &self.reactions
     }
 
     /// In words: flesh that lost its shape, and what helps. A few cells turn over in creases; that is no loss.
@@ -159,6 +191,7 @@ impl Measures {
         (report.volume_ratio_min, report.volume_ratio_max) = self.volume;
         (report.cell_volume_ratio_p01, report.cell_volume_ratio_p99) = self.cell_volume;
         report.inverted_cells_max = self.inverted_cells_max;
+        report.limit_violation_max_rad = self.limit_violation_max;
     }
 }
 
@@ -195,7 +228,7 @@ mod tests {
         let skeleton = &character.skeleton;
         let measure = |pose: &Pose, locals: &[Transform]| {
             let mut measures = Measures::default();
-            measures.add_pose(skeleton, &binding, pose, locals, character.height());
+            measures.add_pose(skeleton, &binding, pose, locals, character.height(), &[]);
             (measures.bone_length_error_max, measures.clip_bone_length_change_max)
         };
         let still = character.clips[0].sample(skeleton, 0.3);

@@ -5,13 +5,14 @@ mod output;
 mod prepare;
 mod resume;
 mod session;
+mod skeleton;
 mod stiffen;
 
 pub use output::{
     Policy, Target, check_folder_of, make_folder_of, refuse_existing, refuse_input, write_whole, write_whole_with,
 };
 pub use prepare::{Prepared, clips, volume};
-pub use session::{Job, bake_clip, export_failure, journal_failure};
+pub use session::{Job, Sides, bake_clip, export_failure, journal_failure};
 
 use crate::args::BakeArgs;
 use crate::failure::{Failure, Outcome};
@@ -30,7 +31,8 @@ pub fn run(args: &BakeArgs) -> Outcome {
     scene.check().map_err(|e| Failure::reading(&args.file, &e))?;
     let clip_file = scene.motion.clip.clone().map(PathBuf::from).filter(|p| crate::scene::is_bvh(p));
     let inputs = || [&args.file, &scene.character].into_iter().chain(&clip_file).map(PathBuf::as_path);
-    for result in [&args.output, &args.report, &args.forces, &args.write_scene].into_iter().flatten() {
+    let sides = [&args.report, &args.forces, &args.skeleton, &args.reactions];
+    for result in [&args.output, &args.write_scene].into_iter().chain(sides).flatten() {
         refuse_input(result, inputs())?;
     }
     if let Some(path) = &args.write_scene {
@@ -46,7 +48,7 @@ pub fn run(args: &BakeArgs) -> Outcome {
     };
     // what is there already is refused before any long work, side results included
     Target::new(out, policy, args.morphs)?;
-    for side in [&args.report, &args.forces].into_iter().flatten() {
+    for side in sides.into_iter().flatten() {
         refuse_existing(side, policy)?;
         check_folder_of(side)?;
     }
@@ -60,12 +62,22 @@ pub fn run(args: &BakeArgs) -> Outcome {
         refuse_input(&path, inputs())?;
         targets.push(Target::new(&path, policy, args.morphs)?);
     }
+    if let Some(path) = &args.skeleton {
+        skeleton::check(path, &scene)?;
+    }
     let prepared = Prepared::new(&scene, character)?;
     let mut reports = Vec::new();
     let mut forces = args.forces.as_ref().map(|_| output::Forces::new(clips.len() > 1));
+    let mut reactions = args.reactions.as_ref().map(|_| skeleton::Reactions::new(clips.len() > 1));
     for (clip, target) in clips.iter().zip(&targets) {
-        let job = Job { scene: &scene, prepared: &prepared, clip, target };
-        if let Some(report) = bake_clip(&job, forces.as_mut())? {
+        let own = |path: &PathBuf| match clips.len() {
+            1 => path.clone(),
+            _ => output::for_clip(path, &clip.name, &names),
+        };
+        let moved = args.skeleton.as_ref().map(own);
+        let sides = Sides { skeleton: moved.as_deref() };
+        let job = Job { scene: &scene, prepared: &prepared, clip, target, sides };
+        if let Some(report) = bake_clip(&job, forces.as_mut(), reactions.as_mut())? {
             reports.push(report);
         }
     }
@@ -84,6 +96,9 @@ pub fn run(args: &BakeArgs) -> Outcome {
     }
     if let (Some(path), Some(forces)) = (&args.forces, forces) {
         write_whole(path, forces.text().as_bytes())?;
+    }
+    if let (Some(path), Some(reactions)) = (&args.reactions, reactions) {
+        write_whole(path, reactions.text().as_bytes())?;
     }
     if args.json {
         ui::result(json);

@@ -125,7 +125,7 @@ pub fn clips(scene: &Scene, character: &Character) -> Result<Vec<Clip>, Failure>
     if let Some(name) = wanted
         && is_bvh(Path::new(name))
     {
-        return motion_capture(Path::new(name), character).map(|clip| vec![clip]);
+        return motion_capture(Path::new(name), character, &scene.motion.names).map(|clip| vec![clip]);
     }
     if character.clips.is_empty() {
         let bones = character.meshes.iter().any(softrig::character::CharacterMesh::is_weighted);
@@ -165,11 +165,11 @@ fn find_clip(character: &Character, name: &str) -> Option<usize> {
 }
 
 /// A clip from a motion-capture file, on the character's joints of the same names.
-fn motion_capture(path: &Path, character: &Character) -> Result<Clip, Failure> {
+fn motion_capture(path: &Path, character: &Character, names: &[[String; 2]]) -> Result<Clip, Failure> {
     let failed = |e: softrig_io::ImportError| load::import_failure(&e);
     let bvh = bvh::read(path).map_err(failed)?;
     bvh.notes.iter().for_each(ui::warn);
-    let (clip, notes) = bvh::apply_to(character, &bvh).map_err(failed)?;
+    let (clip, notes) = bvh::apply_named(character, &bvh, names).map_err(failed)?;
     notes.iter().for_each(ui::warn);
     Ok(clip)
 }

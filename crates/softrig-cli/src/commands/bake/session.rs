@@ -4,6 +4,7 @@ use super::measure::Measures;
 use super::output::{self, Forces, Policy, Target};
 use super::prepare::Prepared;
 use super::resume::{self, Snapshot};
+use super::skeleton::{Reactions, write_skeleton};
 use super::stiffen::Stiffened;
 use crate::args::Precision;
 use crate::failure::Failure;
@@ -36,6 +37,15 @@ pub struct Job<'a> {
     pub clip: &'a Clip,
     /// Where the result goes.
     pub target: &'a Target,
+    /// What else is wanted.
+    pub sides: Sides<'a>,
+}
+
+/// Results beside the main one.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Sides<'a> {
+    /// Where the moved skeleton goes.
+    pub skeleton: Option<&'a std::path::Path>,
 }
 
 /// Frames between two checkpoints: a resumed bake repeats at most so many, and checkpoints stay smaller than the frames.
@@ -61,20 +71,28 @@ impl Motion for Window<'_> {
 ///
 /// # Errors
 /// [`Failure`]; finished frames are in the journal then.
-pub fn bake_clip(job: &Job<'_>, forces: Option<&mut Forces>) -> Result<Option<BakeReport>, Failure> {
+pub fn bake_clip(
+    job: &Job<'_>,
+    forces: Option<&mut Forces>,
+    reactions: Option<&mut Reactions>,
+) -> Result<Option<BakeReport>, Failure> {
     let target = job.target;
     if target.policy == Policy::Resume && target.out.exists() && !target.journal.exists() {
         ui::note(format_args!("{} is complete: nothing to resume", target.out.display()));
         return Ok(None);
     }
     match job.scene.simulation.precision {
-        Precision::F32 => bake::<f32>(job, forces),
-        Precision::F64 => bake::<f64>(job, forces),
+        Precision::F32 => bake::<f32>(job, forces, reactions),
+        Precision::F64 => bake::<f64>(job, forces, reactions),
     }
     .map(Some)
 }
 
-fn bake<R: Scalar>(job: &Job<'_>, forces: Option<&mut Forces>) -> Result<BakeReport, Failure> {
+fn bake<R: Scalar>(
+    job: &Job<'_>,
+    forces: Option<&mut Forces>,
+    reactions: Option<&mut Reactions>,
+) -> Result<BakeReport, Failure> {
     let begun = Instant::now();
     let (scene, prepared) = (job.scene, job.prepared);
     let skeleton = &prepared.character.skeleton;
@@ -94,6 +112,11 @@ fn bake<R: Scalar>(job: &Job<'_>, forces: Option<&mut Forces>) -> Result<BakeRep
         prepared.settings.clone(),
     )
     .map_err(|e| Failure::reading(&scene.character, &e))?;
+    let chosen = scene
+        .chosen_coupling(&prepared.character, &prepared.binding, job.clip)
+        .map_err(|e| Failure::Input(format!("{}: {e}", scene.character.display())))?;
+    simulation.couple(&chosen.coupling, chosen.events.clone()).map_err(|e| Failure::reading(&scene.character, &e))?;
+    chosen.notes.iter().for_each(ui::note);
     let setup = prepared.took + begun.elapsed();
 
     // where the first frame lies in the clip's own time
@@ -114,10 +137,15 @@ fn bake<R: Scalar>(job: &Job<'_>, forces: Option<&mut Forces>) -> Result<BakeRep
             let report = report.map_err(|e| stopped(job, next, &e))?;
             measures.add_advance(&report, (next > 0).then(|| start.elapsed()));
             let gap = simulation.attachment_gap();
+            let violation = simulation.limit_violation();
+            let free = simulation.free_roots().to_vec();
+            // kept in any case: a resumed bake may want them
+            let wanted = scene.coupling.two_way.then(|| simulation.joint_reaction().to_vec());
             let frame = simulation.frame(next);
             measures.add_shape(skeleton, &prepared.binding, &prepared.volume, frame.nodes, gap);
             let locals = job.clip.sample(skeleton, start_time + frame.time * scene.motion.speed);
-            measures.add_pose(skeleton, &prepared.binding, frame.pose, &locals, prepared.character.height());
+            measures.add_pose(skeleton, &prepared.binding, frame.pose, &locals, prepared.character.height(), &free);
+            measures.add_joints(violation, wanted.as_deref());
             journal.frame(&frame).map_err(|e| journal_failure(&e))?;
             next += 1;
             progress.step();
@@ -142,6 +170,9 @@ fn bake<R: Scalar>(job: &Job<'_>, forces: Option<&mut Forces>) -> Result<BakeRep
     }
     drop((journal, graceful));
     let (state_hash, exported) = deliver(job, forces)?;
+    if let Some(table) = reactions {
+        table.add(job, measures.reactions());
+    }
 
     let mut report = BakeReport {
         version: env!("CARGO_PKG_VERSION").into(),
@@ -165,12 +196,14 @@ fn bake<R: Scalar>(job: &Job<'_>, forces: Option<&mut Forces>) -> Result<BakeRep
         precision: R::NAME.into(),
         threads: rayon::current_num_threads(),
         stiffened_max: stiffened.factor,
+        two_way: scene.coupling.two_way,
+        joint_unknowns: simulation.joint_unknowns(),
         morph_error_max: exported.morphs.as_ref().map(|m| m.error),
         peak_rss_mib: peak_rss_mib().unwrap_or(0.0),
         setup_seconds: setup.as_secs_f64(),
         total_seconds: (prepared.took + begun.elapsed()).as_secs_f64(),
         state_hash: format!("{state_hash:016x}"),
-        notes: prepared.character.notes.iter().chain(&exported.notes).cloned().collect(),
+        notes: prepared.character.notes.iter().chain(&chosen.notes).chain(&exported.notes).cloned().collect(),
         ..BakeReport::default()
     };
     measures.report(&mut report);
@@ -269,6 +302,9 @@ fn deliver(job: &Job<'_>, forces: Option<&mut Forces>) -> Result<(u64, ExportRep
     let target = job.target;
     let mut journal = JournalReader::open(&target.journal).map_err(|e| journal_failure(&e))?;
     let hash = read_through(job, &mut journal, forces)?;
+    if let Some(path) = job.sides.skeleton {
+        write_skeleton(job, &mut journal, path)?;
+    }
     let Some(format) = target.format else {
         let report = ExportReport { files: vec![target.out.clone()], ..ExportReport::default() };
         return Ok((hash, report));

@@ -12,6 +12,7 @@ mod cycle;
 mod galerkin;
 mod interpolation;
 mod level;
+mod precondition;
 mod products;
 mod settings;
 
@@ -22,7 +23,7 @@ pub(super) use cycle::Cycle;
 
 use super::free::FreePattern;
 use super::pcg::{Pcg, Source};
-use super::{LinearSolver, LinearSystem, SolveError, SolveReport, Stored, Traffic};
+use super::{LinearSolver, LinearSystem, Preconditioner, SolveError, SolveReport, Stored, Traffic};
 use crate::{BlockCsr, BlockPattern, DofConstraints, Scalar};
 use level::order_for;
 use std::sync::Arc;
@@ -235,6 +236,11 @@ impl<R: Scalar> LinearSolver<R> for Multigrid<R> {
         if let Some(cycle) = &mut self.cycle {
             cycle.forget();
         }
+    }
+
+    fn preconditioner(&mut self) -> Option<&mut dyn Preconditioner<R>> {
+        // a multicolour sweep and a product go through the entries; whichever smoother, one cycle is symmetric
+        if self.cycle.is_some() { Some(self) } else { None }
     }
 }
 

@@ -1,0 +1,49 @@
+//! The cycle for other iterations than our own.
+
+use super::{Multigrid, Smoother};
+use crate::Scalar;
+use crate::solver::{LinearSystem, Preconditioner, SolveError};
+
+/// Stands for the iterations of a solve that is not ours: never grown by half.
+const UNKNOWN: usize = usize::MAX / 4;
+
+impl<R: Scalar> Preconditioner<R> for Multigrid<R> {
+    fn load(&mut self, system: &mut dyn LinearSystem<R>) -> Result<(), SolveError> {
+        let rebuild = self.is_stale(system) || self.fresh.is_none();
+        let cubes = matches!(self.settings.smoother, Smoother::Chebyshev { .. }) && system.cubes().is_some();
+        let known = self.prepared.as_ref().ok_or(SolveError::NotPrepared)?;
+        let cycle = self.cycle.as_mut().ok_or(SolveError::NotPrepared)?;
+        let free = self.pcg.free();
+        if let Some(matrix) = system.cubes().filter(|_| cubes) {
+            cycle.load_cubes(matrix);
+        }
+        if rebuild || !cubes {
+            let matrix = system.assembled();
+            if *matrix.pattern != *known.pattern {
+                return Err(SolveError::NotPrepared);
+            }
+            if !cubes {
+                cycle.load(&free.block_of(matrix)).map_err(|fault| free.blame(&fault))?;
+            }
+            if rebuild {
+                cycle.rebuild(&free.block_of(matrix));
+            }
+        }
+        if rebuild {
+            std::mem::swap(&mut self.built, &mut self.turned);
+            self.fresh = Some(UNKNOWN);
+        }
+        Ok(())
+    }
+
+    fn free_nodes(&self) -> &[u32] {
+        &self.pcg.free().node
+    }
+
+    fn apply(&mut self, r: &[[f64; 4]], z: &mut [[f64; 4]]) {
+        match &mut self.cycle {
+            Some(cycle) => cycle.apply(r, z),
+            None => z.copy_from_slice(r),
+        }
+    }
+}
