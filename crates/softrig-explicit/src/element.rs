@@ -40,7 +40,7 @@ pub enum ElementError {
 /// Linear or warped elasticity of tetrahedra, cell by cell.
 pub struct ElementWise<R> {
     /// Rotations follow the positions in every `refresh`th force only [-]; forces between use those of the last. Default 1: always. The
-    /// error of a rotation that is θ behind is of order θ²: explicit steps are so short that 4 is not seen, and costs half.
+    /// error of a rotation that is θ behind is of order θ².
     pub refresh: u32,
     /// Forces since rotations followed.
     calls: u32,
