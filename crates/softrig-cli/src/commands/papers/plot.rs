@@ -93,7 +93,14 @@ const COLOURS: [RGBColor; 6] = [
 fn legend<'a, D: DrawingBackend + 'a, C: CoordTranslate>(
     chart: &mut ChartContext<'a, D, C>,
 ) -> Result<(), DrawingAreaErrorKind<D::ErrorType>> {
-    chart.configure_series_labels().border_style(BLACK.mix(0.4)).background_style(WHITE.mix(0.85)).draw()
+    // curves fall from the upper left
+    chart
+        .configure_series_labels()
+        .position(SeriesLabelPosition::LowerLeft)
+        .margin(14)
+        .border_style(BLACK.mix(0.4))
+        .background_style(WHITE.mix(0.85))
+        .draw()
 }
 
 /// Where an axis begins and ends so that all values are on it.

@@ -65,7 +65,15 @@ impl Results {
     fn write(&self, name: &str, bytes: &[u8]) -> Outcome {
         let path = self.path(name)?;
         let failed = |e: &std::io::Error| Failure::writing(&path, e);
-        let mut file = tempfile::NamedTempFile::new_in(&self.folder).map_err(|e| failed(&e))?;
+        let mut builder = tempfile::Builder::new();
+        builder.prefix(".softrig-");
+        #[cfg(unix)]
+        {
+            // those of any new file
+            use std::os::unix::fs::PermissionsExt;
+            builder.permissions(std::fs::Permissions::from_mode(0o666));
+        }
+        let mut file = builder.tempfile_in(&self.folder).map_err(|e| failed(&e))?;
         std::io::Write::write_all(&mut file, bytes).map_err(|e| failed(&e))?;
         file.persist(&path).map_err(|e| failed(&e.error))?;
         ui::note(format_args!("wrote {}", path.display()));

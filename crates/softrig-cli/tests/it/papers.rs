@@ -1,0 +1,35 @@
+//! `softrig papers` on small bodies.
+
+use crate::{folder, said, softrig};
+
+#[test]
+fn g10_writes_tables_and_plots_that_hold_what_the_paper_claims() {
+    let folder = folder();
+    let quick = ["papers", "g10", "--quick", "-o", "out", "--shared", "nowhere"];
+    let (code, out, err) = said(&softrig(folder.path(), &quick));
+    assert_eq!(code, Some(0), "{err}");
+    assert!(out.contains("g10"), "{out}");
+    let read = |name: &str| std::fs::read_to_string(folder.path().join("out/g10").join(name)).unwrap();
+    let rows = |name: &str| read(name).lines().skip(1).map(|l| l.split(',').map(String::from).collect()).collect();
+    let table: Vec<Vec<String>> = rows("table1.csv");
+    assert_eq!(table.len(), 6);
+    for row in &table {
+        let residual: f64 = row[8].parse().unwrap();
+        assert!(row[6].parse::<f64>().unwrap() > 0.0 && residual < 0.5, "{row:?}");
+        assert!(row[4] != "default" || residual <= 1e-3, "{row:?}");
+    }
+    let figure6: Vec<Vec<String>> = rows("figure6.csv");
+    let rate = |regime: &str, of: &str| -> f64 {
+        let row = figure6.iter().find(|r| r[0] == regime && r[1].contains(of) && r[2] == "rate");
+        row.unwrap()[3].parse().unwrap()
+    };
+    for regime in ["static", "dynamic"] {
+        assert!(rate(regime, "eliminated") + 0.05 < rate(regime, "1e4"), "{regime}");
+        for figure in ["figure5", "figure6"] {
+            assert!(read(&format!("{figure}-{regime}.svg")).contains("residual"));
+        }
+    }
+    // what is there is kept
+    let (code, _, err) = said(&softrig(folder.path(), &quick));
+    assert!(code == Some(2) && err.contains("--force"), "{code:?} {err}");
+}
