@@ -270,7 +270,7 @@ fn nothing_blows_up() {
     let motion = RestMotion(&character.skeleton);
     for e in [3e3, 3e5, 3e7] {
         for h in [1.0 / 30.0, 1.0 / 120.0] {
-            for dynamics in [Dynamics::Lively] {
+            for dynamics in [Dynamics::Lively, Dynamics::Calm] {
                 let keys = (0..20).map(|k| Key {
                     time: 0.1 * f64::from(k),
                     position: [0.3, if k % 2 == 0 { 0.5 } else { -0.5 }, 0.2],
