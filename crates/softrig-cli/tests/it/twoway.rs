@@ -182,37 +182,38 @@ fn limp(character: &Character) -> Simulation<f64> {
     sim
 }
 
-/// Every real character hangs limp from two of its ends, its limits held, its flesh on its bones.
-#[test]
-fn every_character_hangs_limp() {
-    for name in
-        ["CesiumMan.glb", "Fox.glb", "Cow.glb", "Horse.glb", "Knight.glb", "RobotExpressive.glb", "RiggedSimple.gltf"]
-    {
-        let Some(file) = real_file(&format!("data/characters/{name}")) else { continue };
-        let character = import(&file, &ImportOptions::default()).unwrap();
-        let motion = RestMotion(&character.skeleton);
-        let mut sim = limp(&character);
-        sim.start(&motion).unwrap();
-        let height = character.height();
-        let (mut fell, mut guarded) = (0.0f64, 0);
-        for f in 1..=150 {
-            let r = sim.advance(&motion, f as f64 / 30.0).unwrap_or_else(|e| panic!("{name} frame {f}: {e}"));
-            guarded += r.guarded_steps;
-            assert!(sim.limit_violation() <= 1e-6, "{name} frame {f}: {}", sim.limit_violation());
-            assert!(sim.attachment_gap() <= 1e-6 * height, "{name} frame {f}: {}", sim.attachment_gap());
-        }
-        let mut far = 0.0f64;
-        for (p, r) in sim.state.position.iter().zip(&sim.body.mesh.nodes) {
-            let d = (0..3).map(|k| (p[k] - r[k]).powi(2)).sum::<f64>().sqrt();
-            assert!(d.is_finite(), "{name}");
-            (fell, far) = (fell.max(r[1] - p[1]), far.max(d));
-        }
-        eprintln!(
-            "{name}: {} unknowns, fell {:.2}, moved {:.2} heights, {guarded} guarded",
-            sim.joint_unknowns(),
-            fell / height,
-            far / height
-        );
-        assert!(far < 4.0 * height, "{name}: {far} of {height}");
+/// A character hangs limp from two of its ends for so many frames, its limits held, its flesh on its bones.
+fn hang(name: &str, frames: usize) {
+    let Some(file) = real_file(&format!("data/characters/{name}")) else { return };
+    let character = import(&file, &ImportOptions::default()).unwrap();
+    let motion = RestMotion(&character.skeleton);
+    let mut sim = limp(&character);
+    sim.start(&motion).unwrap();
+    let height = character.height();
+    for f in 1..=frames {
+        sim.advance(&motion, f as f64 / 30.0).unwrap_or_else(|e| panic!("{name} frame {f}: {e}"));
+        assert!(sim.limit_violation() <= 1e-6, "{name} frame {f}: {}", sim.limit_violation());
+        assert!(sim.attachment_gap() <= 1e-6 * height, "{name} frame {f}: {}", sim.attachment_gap());
     }
+    let (mut fell, mut far) = (0.0f64, 0.0f64);
+    for (p, r) in sim.state.position.iter().zip(&sim.body.mesh.nodes) {
+        let d = (0..3).map(|k| (p[k] - r[k]).powi(2)).sum::<f64>().sqrt();
+        assert!(d.is_finite(), "{name}");
+        (fell, far) = (fell.max(r[1] - p[1]), far.max(d));
+    }
+    assert!(fell > 0.02 * height && far < 4.0 * height, "{name}: {fell} {far} of {height}");
+}
+
+#[test]
+fn a_character_hangs_limp() {
+    hang("CesiumMan.glb", 20);
+}
+
+/// Every real character for five seconds: minutes.
+#[test]
+#[ignore = "takes minutes"]
+fn every_character_hangs_limp() {
+    let all =
+        ["CesiumMan.glb", "Fox.glb", "Cow.glb", "Horse.glb", "Knight.glb", "RobotExpressive.glb", "RiggedSimple.gltf"];
+    all.iter().for_each(|name| hang(name, 150));
 }
