@@ -231,7 +231,7 @@ mod tests {
 
     #[test]
     fn what_no_method_can_do_yet_is_unknown() {
-        for section in ["collider", "pin", "joint", "limits", "coupling"] {
+        for section in ["collider", "pin", "limits"] {
             assert!(message(&format!("character = \"a\"\n[{section}]\n")).contains("unknown field"));
         }
     }
