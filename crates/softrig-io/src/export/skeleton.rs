@@ -233,7 +233,12 @@ mod tests {
         let node = |t: [f64; 3], children: Value| json!({ "translation": t, "children": children });
         let document = json!({
             "asset": { "version": "2.0" }, "scene": 0, "scenes": [{ "nodes": [0] }],
-            "nodes": [node([0.0, 1.0, 0.0], json!([1])), json!({ "translation": [0.5, 0.0, 0.0], "name": "b" })],
+            "nodes": [node([0.0, 1.0, 0.0], json!([1])), json!({ "translation": [0.5, 0.0, 0.0], "name": "b", "mesh": 0 })],
+            // one triangle
+            "meshes": [{ "primitives": [{ "attributes": { "POSITION": 0 } }] }],
+            "accessors": [{ "bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3", "min": [0, 0, 0], "max": [1, 1, 0] }],
+            "bufferViews": [{ "buffer": 0, "byteLength": 36 }],
+            "buffers": [{ "byteLength": 36, "uri": "data:application/octet-stream;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA" }],
         });
         let text = document.to_string();
         let mut padded = text.clone().into_bytes();
