@@ -76,28 +76,24 @@ impl NodeJacobian {
 
     /// `y = G ξ` at the nodes with that role; others stay as they are.
     pub fn spread(&self, binding: &Binding, role: &[Role], which: Role, twist: &[[f64; 6]], y: &mut [[f64; 3]]) {
-        y.par_chunks_mut(CHUNK).enumerate().for_each(|(c, y)| {
-            for (k, y) in y.iter_mut().enumerate() {
-                let n = c * CHUNK + k;
-                if role[n] != which {
-                    continue;
-                }
-                let mut sum = [0.0; 3];
-                for (bone, g) in self.of(binding, n) {
-                    let t = &twist[bone];
-                    for r in 0..3 {
-                        let row = &g[6 * r..6 * r + 6];
-                        sum[r] += (row[0] * t[0] + row[1] * t[1] + row[2] * t[2])
-                            + (row[3] * t[3] + row[4] * t[4] + row[5] * t[5]);
-                    }
-                }
-                *y = sum;
-            }
-        });
+        self.each_moved(binding, role, which, twist, y, |y, moved| *y = moved);
     }
 
     /// `y += G ξ` at the nodes with that role; others stay as they are.
     pub fn spread_add(&self, binding: &Binding, role: &[Role], which: Role, twist: &[[f64; 6]], y: &mut [[f64; 3]]) {
+        self.each_moved(binding, role, which, twist, y, |y, moved| (0..3).for_each(|r| y[r] += moved[r]));
+    }
+
+    /// Hands each node with that role its entry of `y` and its part of `G ξ`.
+    fn each_moved(
+        &self,
+        binding: &Binding,
+        role: &[Role],
+        which: Role,
+        twist: &[[f64; 6]],
+        y: &mut [[f64; 3]],
+        put: impl Fn(&mut [f64; 3], [f64; 3]) + Sync,
+    ) {
         y.par_chunks_mut(CHUNK).enumerate().for_each(|(c, y)| {
             for (k, y) in y.iter_mut().enumerate() {
                 let n = c * CHUNK + k;
@@ -113,7 +109,7 @@ impl NodeJacobian {
                             + (row[3] * t[3] + row[4] * t[4] + row[5] * t[5]);
                     }
                 }
-                (0..3).for_each(|r| y[r] += sum[r]);
+                put(y, sum);
             }
         });
     }
