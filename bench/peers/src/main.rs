@@ -1,0 +1,83 @@
+//! softrig beside rapier3d: one flesh box with a bone in it, the same mesh, material, scheme and tolerance, steps of both in turn
+//! in one process on one thread.
+//!
+//! `cargo run --release --manifest-path bench/peers/Cargo.toml`
+
+mod boxes;
+mod own;
+mod rapier;
+mod scene;
+
+use boxes::FleshBox;
+use clap::Parser;
+use std::error::Error;
+use std::time::Instant;
+
+/// softrig beside rapier3d on the same box.
+#[derive(Parser)]
+struct Arguments {
+    /// Steps of 1/60 s; the first is not timed.
+    #[arg(long, default_value_t = 120)]
+    steps: usize,
+    /// Young's modulus [Pa].
+    #[arg(long, default_value_t = 3e4)]
+    young_modulus: f64,
+    /// How many iterations rapier's conjugate gradients may take.
+    #[arg(long, default_value_t = 300)]
+    cap: usize,
+    /// Cubes of five tetrahedra along x, y and z; can be given more than once.
+    #[arg(long, value_parser = cubes, default_values = ["24x8x8", "42x12x12", "54x16x16"])]
+    cubes: Vec<[usize; 3]>,
+}
+
+fn cubes(text: &str) -> Result<[usize; 3], String> {
+    let counts: Option<Vec<usize>> =
+        text.split('x').map(|n| n.parse().ok().filter(|n| (2..=400).contains(n))).collect();
+    counts.and_then(|c| c.try_into().ok()).ok_or_else(|| "three numbers from 2 to 400, as in 42x12x12".into())
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let arguments = Arguments::parse();
+    // one thread in both engines; rapier's own threads are a feature that is off
+    rayon::ThreadPoolBuilder::new().num_threads(1).build_global()?;
+    println!(
+        "| tetrahedra | softrig [ms] | rapier3d [ms] | ratio | sag of softrig [mm] | of rapier3d [mm] | iterations of softrig |"
+    );
+    println!("|---|---|---|---|---|---|---|");
+    arguments.cubes.iter().try_for_each(|c| compare(*c, &arguments))
+}
+
+/// Both engines on one box, a line of the table.
+fn compare(cubes: [usize; 3], arguments: &Arguments) -> Result<(), Box<dyn Error>> {
+    let flesh = FleshBox::new(cubes);
+    let mut own = own::Own::new(&flesh, arguments.young_modulus)?;
+    let mut peer = rapier::Peer::new(&flesh, arguments.young_modulus, arguments.cap);
+    let mut times = [Vec::new(), Vec::new()];
+    let mut iterations = 0;
+    for step in 0..arguments.steps.max(2) {
+        let start = Instant::now();
+        own.step()?;
+        let between = Instant::now();
+        peer.step();
+        if step > 0 {
+            times[0].push((between - start).as_secs_f64() * 1e3);
+            times[1].push(between.elapsed().as_secs_f64() * 1e3);
+            iterations += own.output.iterations;
+        }
+    }
+    let counted = times[0].len();
+    let [(own_median, own_least), (peer_median, peer_least)] = times.map(|mut t| {
+        t.sort_by(f64::total_cmp);
+        (t[t.len() / 2], t[0])
+    });
+    println!(
+        "| {} | {own_median:.1}, {own_least:.1} | {peer_median:.1}, {peer_least:.1} | {:.2}, {:.2} | {:.2} | {:.2} | {:.1} |",
+        flesh.tets.len(),
+        own_median / peer_median,
+        own_least / peer_least,
+        1e3 * flesh.sag(|n| own.height(n)),
+        1e3 * flesh.sag(|n| peer.height(n)),
+        iterations as f64 / counted as f64,
+    );
+    Ok(())
+}
