@@ -10,6 +10,7 @@ mod scene;
 
 use boxes::FleshBox;
 use clap::Parser;
+use softrig::simulation::SolverKind;
 use std::error::Error;
 use std::time::Instant;
 
@@ -25,9 +26,17 @@ struct Arguments {
     /// How many iterations rapier's conjugate gradients may take.
     #[arg(long, default_value_t = 300)]
     cap: usize,
+    /// softrig's linear solver.
+    #[arg(long, value_parser = solver, default_value = "multigrid")]
+    solver: SolverKind,
     /// Cubes of five tetrahedra along x, y and z; can be given more than once.
     #[arg(long, value_parser = cubes, default_values = ["24x8x8", "42x12x12", "54x16x16"])]
     cubes: Vec<[usize; 3]>,
+}
+
+fn solver(text: &str) -> Result<SolverKind, String> {
+    let all = [SolverKind::Multigrid, SolverKind::Pcg, SolverKind::Direct, SolverKind::Auto];
+    all.into_iter().find(|k| k.name() == text).ok_or_else(|| format!("one of {}", all.map(SolverKind::name).join(", ")))
 }
 
 fn cubes(text: &str) -> Result<[usize; 3], String> {
@@ -50,7 +59,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 /// Both engines on one box, a line of the table.
 fn compare(cubes: [usize; 3], arguments: &Arguments) -> Result<(), Box<dyn Error>> {
     let flesh = FleshBox::new(cubes);
-    let mut own = own::Own::new(&flesh, arguments.young_modulus)?;
+    let mut own = own::Own::new(&flesh, arguments.young_modulus, arguments.solver)?;
     let mut peer = rapier::Peer::new(&flesh, arguments.young_modulus, arguments.cap);
     let mut times = [Vec::new(), Vec::new()];
     let mut iterations = 0;

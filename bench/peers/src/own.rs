@@ -26,7 +26,7 @@ pub struct Own {
 
 impl Own {
     /// Implicit Euler with one linearisation, undamped.
-    pub fn new(flesh: &FleshBox, young_modulus: f64) -> Result<Self, Box<dyn Error>> {
+    pub fn new(flesh: &FleshBox, young_modulus: f64, solver: SolverKind) -> Result<Self, Box<dyn Error>> {
         let (mesh, order) = softrig::mesh::renumbered(&flesh.mesh());
         let mut old = vec![0; order.len()];
         order.iter().enumerate().for_each(|(new, n)| old[*n as usize] = new);
@@ -43,7 +43,7 @@ impl Own {
         let materials = MaterialMap::uniform(material);
         let body = Body::new(mesh, &materials, ElasticModel::Corotated, DofConstraints::from_mask(held))?;
         Ok(Self {
-            solver: SolverKind::Multigrid.build(&body.mesh),
+            solver: solver.build(&body.mesh),
             integrator: Implicit::new(Scheme::ImplicitEuler, 1),
             state: State::at_rest(rest.clone()),
             still: vec![[0.0; 3]; rest.len()],

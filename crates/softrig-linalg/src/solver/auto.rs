@@ -1,9 +1,14 @@
 //! The cheaper of two solvers, by counted work.
 
-use super::{LinearSolver, LinearSystem, Multigrid, Pcg, Preconditioner, SolveError, SolveReport, Traffic};
+use super::multigrid::SINGLE;
+use super::{
+    BELOW_SINGLE, LinearSolver, LinearSystem, Multigrid, Pcg, Preconditioner, SolveError, SolveReport, Traffic,
+};
 use crate::{BlockCsr, BlockPattern, DofConstraints, Scalar};
 use std::sync::Arc;
 
+/// Loading a system and its true residual [products in f64].
+const SETUP_WORK: f64 = 2.0;
 /// Solves before the other solver is tried again, doubled each time it loses.
 const FIRST_TRIAL: u32 = 8;
 /// The longest pause between two trials.
@@ -40,7 +45,7 @@ impl<R: Scalar> Auto<R> {
     /// Chooses between that solver and [`Pcg`].
     #[must_use]
     pub fn new(multigrid: Multigrid<R>) -> Self {
-        let pcg = Pcg::new();
+        let pcg = Pcg::<R>::new();
         Self { multigrid, limit: pcg.iteration_limit, pcg, classes: Vec::new() }
     }
 
@@ -62,7 +67,7 @@ impl<R: Scalar> Auto<R> {
         tolerance: f64,
         budget: f64,
     ) -> Option<Result<SolveReport, SolveError>> {
-        let iterations = budget - Pcg::<R>::SETUP_WORK;
+        let iterations = (budget - SETUP_WORK) / product_work(tolerance);
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped before")]
         let limit = iterations.clamp(1.0, self.limit as f64) as usize;
         self.pcg.iteration_limit = limit;
@@ -127,13 +132,13 @@ impl<R: Scalar> LinearSolver<R> for Auto<R> {
                     self.classes[at] = if trial {
                         Class {
                             plain: true,
-                            work: pcg_work::<R>(&report),
+                            work: plain_work(&report, tolerance),
                             until_trial: FIRST_TRIAL,
                             pause: FIRST_TRIAL,
                             ..class
                         }
                     } else {
-                        Class { work: pcg_work::<R>(&report), until_trial: class.until_trial - 1, ..class }
+                        Class { work: plain_work(&report, tolerance), until_trial: class.until_trial - 1, ..class }
                     };
                     return Ok(report);
                 }
@@ -160,6 +165,12 @@ impl<R: Scalar> LinearSolver<R> for Auto<R> {
     }
 }
 
-fn pcg_work<R: Scalar>(report: &SolveReport) -> f64 {
-    Pcg::<R>::SETUP_WORK + report.iterations as f64
+/// What a solve by plain conjugate gradients cost [products in f64].
+fn plain_work(report: &SolveReport, tolerance: f64) -> f64 {
+    SETUP_WORK + product_work(tolerance) * report.iterations as f64
+}
+
+/// What an iteration of theirs costs [products in f64].
+fn product_work(tolerance: f64) -> f64 {
+    if tolerance >= BELOW_SINGLE { SINGLE } else { 1.0 }
 }

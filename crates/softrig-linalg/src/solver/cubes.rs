@@ -46,7 +46,7 @@ impl<A: Scalar> FreeCubes<A> {
     pub fn new(pattern: &Arc<CubePattern>, free: &FreePattern) -> Self {
         let rows = free.row_count();
         let mut row_of = vec![rows as u32; pattern.node_count];
-        for (row, node) in free.node.iter().enumerate() {
+        for (row, node) in free.node.iter().enumerate().filter(|(row, _)| !free.is_held(*row)) {
             row_of[*node as usize] = row as u32;
         }
         let mut slot_start = vec![0u32; rows + 2];

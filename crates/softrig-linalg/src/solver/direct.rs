@@ -107,12 +107,12 @@ impl Factor {
     ) -> Result<(), SolveError> {
         let mut at = 0;
         for i in 0..pattern.row_count() {
-            let block = |k: usize| &matrix.values[pattern.source[k] as usize];
-            let values = || pattern.row(i).flat_map(block);
+            let block = pattern.block_of::<R, f64>(matrix);
+            let values = || pattern.row(i).flat_map(&block);
             if values().any(|v| !v.is_finite()) {
                 return Err(SolveError::NotFinite { node: pattern.node[i] as usize });
             }
-            identity[i] = values().all(|v| *v == R::zero());
+            identity[i] = values().all(|v| v == 0.0);
             for c in 0..3 {
                 for k in pattern.row(i) {
                     let j = pattern.column[k] as usize;
@@ -121,7 +121,7 @@ impl Factor {
                         let last = if j == i { c + 1 } else { 3 };
                         for d in 0..last {
                             let one = identity[i] && j == i && d == c;
-                            self.upper[at] = if one { 1.0 } else { block(k)[3 * c + d].to_f64() };
+                            self.upper[at] = if one { 1.0 } else { block(k)[3 * c + d] };
                             at += 1;
                         }
                     }
@@ -230,8 +230,8 @@ impl<R: Scalar> Prepared<R> {
         factor.load(&self.pattern, matrix, &mut self.identity)?;
         factor.factorise(&self.pattern)?;
         let mut square = 0.0;
-        for (b, node) in self.true_residual.iter_mut().zip(&self.pattern.node) {
-            *b = rhs[*node as usize].map(|b| b.to_f64() * scale);
+        for (row, b) in self.true_residual.iter_mut().enumerate() {
+            *b = self.pattern.of_row(rhs, row).map(|b| b * scale);
             square += b[0] * b[0] + b[1] * b[1] + b[2] * b[2];
         }
         self.x.fill(0.0);

@@ -1,22 +1,57 @@
 //! The free part of a system: constrained nodes taken out, free nodes numbered in order.
+//!
+//! When other nodes become constrained while a body moves, the pattern stays: rows that are held for now are masked, their blocks
+//! read as zero and their right-hand sides too, and all that was made for the pattern is filled with new numbers.
 
 use super::SolveError;
 use super::sliced::Fault;
 use crate::{BlockCsr, BlockPattern, DofConstraints, Scalar};
+use std::ops::{Deref, Range};
+use std::sync::Arc;
 
-/// Compressed rows of the free-free blocks. "Free row" is a row of this pattern, "node" one of the whole system.
+/// No block: its row or column is held.
+const NOTHING: u32 = u32::MAX;
+
+/// Compressed rows of blocks. "Row" is a row of this pattern, "node" one of the system it was taken from.
+#[derive(Debug, Default)]
+pub(super) struct BlockRows {
+    /// Node of each row.
+    pub node: Vec<u32>,
+    /// First block of each row, and one past the last.
+    pub row_start: Vec<u32>,
+    /// Row of each block's column, in the order of their nodes.
+    pub column: Vec<u32>,
+    /// Index of the diagonal block of each row.
+    pub diagonal: Vec<u32>,
+}
+
+impl BlockRows {
+    pub fn row_count(&self) -> usize {
+        self.node.len()
+    }
+
+    #[inline(always)]
+    pub fn row(&self, i: usize) -> Range<usize> {
+        self.row_start[i] as usize..self.row_start[i + 1] as usize
+    }
+}
+
+/// Rows of the nodes that are free, and maybe of some that have been and are held for now.
 #[derive(Debug, Default)]
 pub(super) struct FreePattern {
-    /// Node of each free row.
-    pub node: Vec<u32>,
-    /// First block of each free row, and one past the last.
-    pub row_start: Vec<u32>,
-    /// Free row of each block's column, in the order of their nodes.
-    pub column: Vec<u32>,
-    /// Where each block is in the matrix of the whole system.
-    pub source: Vec<u32>,
-    /// Index of the diagonal block of each free row.
-    pub diagonal: Vec<u32>,
+    /// Shared by all that have a matrix on it.
+    pub rows: Arc<BlockRows>,
+    /// Where each block is in the matrix of the whole system; [`NOTHING`] in rows and columns that are held.
+    source: Vec<u32>,
+    /// Which rows are held; empty when none are.
+    held: Vec<bool>,
+}
+
+impl Deref for FreePattern {
+    type Target = BlockRows;
+    fn deref(&self) -> &BlockRows {
+        &self.rows
+    }
 }
 
 impl FreePattern {
@@ -26,29 +61,86 @@ impl FreePattern {
         Self::in_order(pattern, (0..pattern.row_count() as u32).filter(free).collect())
     }
 
-    /// One row for each of `node`, the free ones, in that order.
+    /// One row for each of `node`, in that order.
     pub fn in_order(pattern: &BlockPattern, node: Vec<u32>) -> Self {
-        let mut free_row = vec![u32::MAX; pattern.row_count()];
-        for (row, n) in node.iter().enumerate() {
-            free_row[*n as usize] = row as u32;
-        }
-        let mut free = Self { node, ..Self::default() };
-        free.row_start.push(0);
-        for (row, &n) in free.node.iter().enumerate() {
+        let row_of = inverse(&node, pattern.row_count());
+        let mut rows = BlockRows { node, row_start: vec![0], ..BlockRows::default() };
+        let mut source = Vec::new();
+        for (row, &n) in rows.node.iter().enumerate() {
             for k in pattern.row(n as usize) {
-                let column = free_row[pattern.column()[k] as usize];
-                if column == u32::MAX {
+                let column = row_of[pattern.column()[k] as usize];
+                if column == NOTHING {
                     continue;
                 }
                 if column == row as u32 {
-                    free.diagonal.push(free.column.len() as u32);
+                    rows.diagonal.push(rows.column.len() as u32);
                 }
-                free.column.push(column);
-                free.source.push(k as u32);
+                rows.column.push(column);
+                source.push(k as u32);
             }
-            free.row_start.push(free.column.len() as u32);
+            rows.row_start.push(rows.column.len() as u32);
         }
-        free
+        Self { rows: Arc::new(rows), source, held: Vec::new() }
+    }
+
+    /// Rows without entries: a numbering of nodes only.
+    pub fn numbering(node: Vec<u32>) -> Self {
+        let n = node.len();
+        let rows = BlockRows { node, row_start: vec![0; n + 1], diagonal: vec![0; n], column: Vec::new() };
+        Self { rows: Arc::new(rows), ..Self::default() }
+    }
+
+    /// The same rows when other nodes are constrained; `None` when a free node has no row.
+    pub fn exchanged(&self, pattern: &BlockPattern, constraints: &DofConstraints) -> Option<Self> {
+        let held: Vec<bool> = self.node.iter().map(|n| constraints.is_constrained(*n as usize)).collect();
+        let free = held.iter().filter(|h| !**h).count();
+        if free + constraints.constrained_count() != constraints.node_count() {
+            return None;
+        }
+        let row_of = inverse(&self.node, pattern.row_count());
+        let mut source = Vec::with_capacity(self.column.len());
+        for (row, &n) in self.node.iter().enumerate() {
+            for k in pattern.row(n as usize) {
+                let column = row_of[pattern.column()[k] as usize];
+                if column != NOTHING {
+                    source.push(if held[row] || held[column as usize] { NOTHING } else { k as u32 });
+                }
+            }
+        }
+        let held = if free == held.len() { Vec::new() } else { held };
+        Some(Self { rows: self.rows.clone(), source, held })
+    }
+
+    /// The nodes of these rows and those free by `constraints`, ascending; `None` when more than half of them would be held.
+    pub fn united(&self, constraints: &DofConstraints) -> Option<Vec<u32>> {
+        let mut here: Vec<bool> = constraints.mask().iter().map(|held| !held).collect();
+        self.node.iter().for_each(|n| here[*n as usize] = true);
+        let node: Vec<u32> = (0..here.len() as u32).filter(|n| here[*n as usize]).collect();
+        let free = constraints.node_count() - constraints.constrained_count();
+        (2 * free >= node.len()).then_some(node)
+    }
+
+    /// Is any row held?
+    pub fn is_masked(&self) -> bool {
+        !self.held.is_empty()
+    }
+
+    /// Is that row held?
+    #[inline(always)]
+    pub fn is_held(&self, row: usize) -> bool {
+        self.held.get(row).is_some_and(|held| *held)
+    }
+
+    /// Nodes of the rows that are free now.
+    pub fn free_nodes(&self) -> Vec<u32> {
+        (0..self.row_count()).filter(|row| !self.is_held(*row)).map(|row| self.node[row]).collect()
+    }
+
+    /// Where a block is in the matrix of the whole system; `None` when it counts as zero.
+    #[inline(always)]
+    pub fn source(&self, block: usize) -> Option<usize> {
+        let k = self.source[block];
+        (k != NOTHING).then_some(k as usize)
     }
 
     /// The blocks of a matrix of the whole system, by their place in this pattern.
@@ -56,7 +148,16 @@ impl FreePattern {
         &'a self,
         matrix: &'a BlockCsr<R>,
     ) -> impl Fn(usize) -> [A; 9] + Sync + 'a {
-        |k| matrix.values[self.source[k] as usize].map(|v| A::from_f64(v.to_f64()))
+        |k| match self.source(k) {
+            Some(k) => matrix.values[k].map(|v| A::from_f64(v.to_f64())),
+            None => [A::zero(); 9],
+        }
+    }
+
+    /// The right-hand side of a row, in f64.
+    #[inline(always)]
+    pub fn of_row<R: Scalar>(&self, rhs: &[[R; 3]], row: usize) -> [f64; 3] {
+        if self.is_held(row) { [0.0; 3] } else { rhs[self.node[row] as usize].map(Scalar::to_f64) }
     }
 
     /// What is wrong with a row, said of its node.
@@ -67,36 +168,16 @@ impl FreePattern {
         }
     }
 
-    /// The same pattern, for a matrix of its own.
-    pub fn clone_structure(&self) -> Self {
-        Self {
-            node: self.node.clone(),
-            row_start: self.row_start.clone(),
-            column: self.column.clone(),
-            diagonal: self.diagonal.clone(),
-            ..Self::default()
-        }
-    }
-
-    pub fn row_count(&self) -> usize {
-        self.node.len()
-    }
-
-    #[inline(always)]
-    pub fn row(&self, i: usize) -> std::ops::Range<usize> {
-        self.row_start[i] as usize..self.row_start[i + 1] as usize
-    }
-
     /// A power of two that brings the largest free entry of the right-hand side to [1, 2), so that no square over- or
     /// underflows; `None` when all are zero.
     pub fn scale_of<R: Scalar>(&self, rhs: &[[R; 3]]) -> Result<Option<f64>, SolveError> {
         let mut largest = 0.0_f64;
-        for &node in &self.node {
-            for b in rhs[node as usize] {
+        for row in 0..self.row_count() {
+            for b in self.of_row(rhs, row) {
                 if !b.is_finite() {
-                    return Err(SolveError::NotFinite { node: node as usize });
+                    return Err(SolveError::NotFinite { node: self.node[row] as usize });
                 }
-                largest = largest.max(b.to_f64().abs());
+                largest = largest.max(b.abs());
             }
         }
         // below 2^-1000 there is nothing left to solve for
@@ -111,4 +192,13 @@ impl FreePattern {
             nodes[*node as usize] = x.map(|x| R::from_f64(x.to_f64()));
         }
     }
+}
+
+/// The row of each of so many nodes, [`NOTHING`] for those that have none.
+fn inverse(node: &[u32], count: usize) -> Vec<u32> {
+    let mut row_of = vec![NOTHING; count];
+    for (row, n) in node.iter().enumerate() {
+        row_of[*n as usize] = row as u32;
+    }
+    row_of
 }

@@ -22,6 +22,9 @@ pub use precondition::{Operator, Preconditioner};
 use crate::{BlockCsr, BlockPattern, CubeMatrix, DofConstraints, Scalar};
 use std::sync::Arc;
 
+/// Below this tolerance iterations run in the caller's numbers: f32 would have to start again too often.
+const BELOW_SINGLE: f64 = 1e-5;
+
 /// What a solve did. Residuals are true ones: `|b - A x| / |b|`, recomputed in f64 from the final `x`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SolveReport {

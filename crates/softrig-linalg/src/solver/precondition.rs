@@ -50,8 +50,7 @@ impl Operator {
         if !self.cubes.as_ref().is_some_and(|c| c.free.belongs_to(&matrix.pattern)) {
             let n = matrix.pattern.node_count;
             // the cubes need the numbering of the nodes only
-            let (node, row_start, diagonal) = ((0..n as u32).collect(), vec![0; n + 1], vec![0; n]);
-            let all = FreePattern { node, row_start, diagonal, ..FreePattern::default() };
+            let all = FreePattern::numbering((0..n as u32).collect());
             let (x, y) = (Quads::zero(n), Quads::zero(n));
             self.cubes = Some(Cubes { free: FreeCubes::new(&matrix.pattern, &all), all, x, y });
         }

@@ -15,13 +15,14 @@ pub(super) fn squared<R: Scalar>(
     residual: Option<&mut [[f64; 3]]>,
 ) -> f64 {
     let row = |i: usize| -> [f64; 3] {
-        let mut r = rhs[free.node[i] as usize].map(Scalar::to_f64);
+        let mut r = free.of_row(rhs, i);
         if identity[i] {
             let x = x(i);
             return [(r[0] - x[0]) * scale, (r[1] - x[1]) * scale, (r[2] - x[2]) * scale];
         }
         for k in free.row(i) {
-            let a = matrix.values[free.source[k] as usize].map(Scalar::to_f64);
+            let Some(source) = free.source(k) else { continue };
+            let a = matrix.values[source].map(Scalar::to_f64);
             let x = x(free.column[k] as usize);
             for c in 0..3 {
                 r[c] -= a[3 * c] * x[0] + a[3 * c + 1] * x[1] + a[3 * c + 2] * x[2];

@@ -4,7 +4,7 @@
 //! Rows are cut into chunks; within a chunk they are sorted by their number of blocks and taken eight at a time. Shorter rows of
 //! a slice are filled up with blocks of zeros. Each row adds its blocks in the order of the pattern, whatever the machine's width.
 
-use super::free::FreePattern;
+use super::free::BlockRows;
 use super::pcg::kernel::{Inverse, inverse_of_block};
 use crate::{Scalar, Wide};
 use std::ops::Range;
@@ -62,7 +62,7 @@ pub(super) enum Fault {
 
 impl<A: Scalar> Sliced<A> {
     /// A matrix on that pattern, all zero. Chunks also end at the rows of `breaks` (ascending, from 0 to the number of rows).
-    pub fn new(pattern: &FreePattern, breaks: &[u32]) -> Self {
+    pub fn new(pattern: &BlockRows, breaks: &[u32]) -> Self {
         let mut layout = Layout { start: vec![0], chunk: vec![0], first_row: vec![0], ..Layout::default() };
         let mut order: Vec<usize> = Vec::with_capacity(ROWS);
         for part in breaks.windows(2) {
@@ -96,7 +96,7 @@ impl<A: Scalar> Sliced<A> {
     /// What is wrong with the first row something is wrong with.
     pub fn load(
         &mut self,
-        pattern: &FreePattern,
+        pattern: &BlockRows,
         block_of: &(impl Fn(usize) -> [A; 9] + Sync),
         inverse: &mut [Inverse<A>],
         identity: &mut [bool],
@@ -113,7 +113,7 @@ impl<A: Scalar> Sliced<A> {
         let zero = [A::zero(); 4];
         for slice in layout.chunk[c] as usize..layout.chunk[c + 1] as usize {
             let steps = layout.steps(slice);
-            // SAFETY: columns are those of a `FreePattern`, below its row count, and `x` is that long (asserted above).
+            // SAFETY: columns are those of `BlockRows`, below its row count, and `x` is that long (asserted above).
             let q = unsafe { A::slice_times(&self.values[steps.clone()], &layout.column[steps], x) };
             for (half, rows) in layout.rows(slice).chunks(4).enumerate() {
                 let part = |k: usize| &q[k].as_chunks::<4>().0[half];
@@ -130,7 +130,7 @@ impl<A: Scalar> Sliced<A> {
 type Parts<'a, A> = (&'a mut [Step<A>], &'a mut [Inverse<A>], &'a mut [bool]);
 
 impl Layout {
-    fn push(&mut self, pattern: &FreePattern, first: usize, slice: &[usize]) {
+    fn push(&mut self, pattern: &BlockRows, first: usize, slice: &[usize]) {
         self.row.push(std::array::from_fn(|l| slice.get(l).map_or(0, |r| (r - first) as u16)));
         self.filled.push(slice.len() as u8);
         for step in 0..pattern.row(slice[0]).len() {
@@ -157,7 +157,7 @@ impl Layout {
     /// [`Sliced::load`] for some chunks; halves the work between threads.
     fn load<A: Scalar>(
         &self,
-        pattern: &FreePattern,
+        pattern: &BlockRows,
         chunks: Range<usize>,
         block_of: &(impl Fn(usize) -> [A; 9] + Sync),
         (values, inverse, identity): Parts<'_, A>,
@@ -350,6 +350,7 @@ pub(crate) unsafe fn slice_times_avx2_f64(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::solver::free::FreePattern;
     use crate::{BlockPattern, DofConstraints};
 
     fn pattern(nodes: u32, mask: Vec<bool>) -> FreePattern {

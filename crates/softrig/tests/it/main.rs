@@ -6,6 +6,7 @@ mod support;
 mod analytic;
 mod couple;
 mod cycles;
+mod exchange;
 mod golden;
 mod hard;
 mod mesh;

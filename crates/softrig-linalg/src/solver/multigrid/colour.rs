@@ -1,10 +1,10 @@
 //! Colours for Gauss-Seidel: rows of one colour have no block in common, so that their order does not matter.
 
-use crate::solver::free::FreePattern;
+use crate::solver::free::BlockRows;
 
 /// An order of the rows in which those of one colour are neighbours, and the first row of each colour and one past the last.
 /// Every row takes the first colour that none of its neighbours has.
-pub(super) fn by_colour(pattern: &FreePattern) -> (Vec<u32>, Vec<u32>) {
+pub(super) fn by_colour(pattern: &BlockRows) -> (Vec<u32>, Vec<u32>) {
     let rows = pattern.row_count();
     let mut colour = vec![u32::MAX; rows];
     let mut taken: Vec<usize> = Vec::new();
@@ -36,6 +36,7 @@ pub(super) fn by_colour(pattern: &FreePattern) -> (Vec<u32>, Vec<u32>) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::solver::free::FreePattern;
     use crate::{BlockPattern, DofConstraints};
 
     #[test]

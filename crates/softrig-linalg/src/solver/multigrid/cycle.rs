@@ -4,13 +4,14 @@ use super::SINGLE;
 use super::galerkin::{Galerkin, interpolate_add};
 use super::interpolation::Interpolation;
 use super::level::{Level, order_for};
-use super::settings::{MultigridSettings, Smoother};
+use super::settings::{Marking, MultigridSettings, Smoother};
 use crate::solver::free::FreePattern;
 use crate::solver::quads::Quads;
 use crate::solver::sliced::Fault;
 use crate::{CubeMatrix, Scalar, Traffic};
 use faer::linalg::solvers::{Llt, Solve};
 use faer::{Mat, Side};
+use std::sync::Arc;
 
 /// Relative shift of the coarsest diagonal: interpolation next to constraints can be rank deficient (numerics 5.3), and
 /// rounding of the operators to f32 can leave the smallest pivots below zero.
@@ -49,7 +50,7 @@ impl Cycle {
             return None;
         }
         let mut kept = free.node.clone();
-        let mut levels = vec![Level::new(free.clone_structure(), settings.smoother, colours)];
+        let mut levels = vec![Level::new(free.rows.clone(), settings.smoother, colours)];
         let mut galerkin = Vec::new();
         for p in hierarchy {
             let (mut restricted, mut seen) = p.restricted(&kept, settings.marking);
@@ -59,15 +60,15 @@ impl Cycle {
             let fine = &levels[levels.len() - 1].pattern;
             let mut product = Galerkin::new(fine, restricted);
             let mut colours = None;
-            if let Some((order, starts)) = order_for(settings.smoother, &product.coarse_pattern()) {
+            if let Some((order, starts)) = order_for(settings.smoother, &product.coarse_pattern(seen.clone())) {
                 seen = order.iter().map(|i| seen[*i as usize]).collect();
                 restricted = p.between(&kept, &seen);
                 product = Galerkin::new(fine, restricted);
                 colours = Some(starts);
             }
-            levels.push(Level::new(product.coarse_pattern(), settings.smoother, colours));
-            galerkin.push(product);
             kept = seen;
+            levels.push(Level::new(Arc::new(product.coarse_pattern(kept.clone())), settings.smoother, colours));
+            galerkin.push(product);
         }
         if galerkin.is_empty() {
             return None;
@@ -81,9 +82,21 @@ impl Cycle {
         self.levels[0].load(block_of)
     }
 
-    /// Takes the cubes of the finest level: products use these from now on.
-    pub fn load_cubes<R: Scalar>(&mut self, matrix: &CubeMatrix<R>) {
-        self.levels[0].load_cubes(matrix);
+    /// Takes the cubes of the finest level, whose pattern is `free`: products use these from now on.
+    pub fn load_cubes<R: Scalar>(&mut self, matrix: &CubeMatrix<R>, free: &FreePattern) {
+        self.levels[0].load_cubes(matrix, free);
+    }
+
+    /// The pattern stays, but other rows of it are held. Coarse operators have to be rebuilt.
+    pub fn hold(&mut self, hierarchy: &[Interpolation], free: &FreePattern, marking: Marking) {
+        self.levels[0].hold();
+        let mut held: Vec<bool> = (0..free.row_count()).map(|row| free.is_held(row)).collect();
+        for ((p, galerkin), levels) in hierarchy.iter().zip(&mut self.galerkin).zip(self.levels.windows(2)) {
+            let whole = p.between(&levels[0].pattern.node, &levels[1].pattern.node);
+            let (masked, left_out) = whole.masked(&held, marking);
+            galerkin.set_weights(masked);
+            held = left_out;
+        }
     }
 
     /// Rows of the finest level without a single entry.

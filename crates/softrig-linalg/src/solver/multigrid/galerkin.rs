@@ -4,7 +4,7 @@
 //! only streams values through it.
 
 use super::interpolation::Interpolation;
-use crate::solver::free::FreePattern;
+use crate::solver::free::BlockRows;
 use crate::{Kernel, run_wide};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -66,7 +66,7 @@ impl Product {
 
 impl Galerkin {
     /// `fine` has one row per row of `p`.
-    pub fn new(fine: &FreePattern, p: Interpolation) -> Self {
+    pub fn new(fine: &BlockRows, p: Interpolation) -> Self {
         let pt = p.transposed();
         let ap = symbolic(fine.row_count(), p.coarse_count, |i, add| {
             for k in fine.row(i) {
@@ -92,8 +92,15 @@ impl Galerkin {
         &self.pt
     }
 
-    /// The coarse pattern, as a system of its own.
-    pub fn coarse_pattern(&self) -> FreePattern {
+    /// Takes other weights on the same entries.
+    pub fn set_weights(&mut self, p: Interpolation) {
+        debug_assert_eq!((&p.start, &p.column), (&self.p.start, &self.p.column));
+        self.pt = p.transposed();
+        self.p = p;
+    }
+
+    /// The coarse pattern, as a system of its own: a row for each of `node`.
+    pub fn coarse_pattern(&self, node: Vec<u32>) -> BlockRows {
         let n = self.p.coarse_count;
         let diagonal = (0..n)
             .map(|i| {
@@ -102,13 +109,7 @@ impl Galerkin {
                 (row.start + at.expect("a coarse node sees itself through any fine node it interpolates")) as u32
             })
             .collect();
-        FreePattern {
-            node: (0..n as u32).collect(),
-            row_start: self.coarse.row_start.clone(),
-            column: self.coarse.column.clone(),
-            source: Vec::new(),
-            diagonal,
-        }
+        BlockRows { node, row_start: self.coarse.row_start.clone(), column: self.coarse.column.clone(), diagonal }
     }
 
     /// The coarse blocks of the last [`Self::refresh`].
@@ -117,7 +118,7 @@ impl Galerkin {
     }
 
     /// Makes the coarse blocks for the fine ones.
-    pub fn refresh(&mut self, fine: &FreePattern, fine_block: &(impl Fn(usize) -> [f32; 9] + Sync)) {
+    pub fn refresh(&mut self, fine: &BlockRows, fine_block: &(impl Fn(usize) -> [f32; 9] + Sync)) {
         let Self { p, pt, ap, coarse, ap_values, coarse_values } = self;
         fill(0..ap.row_count(), ap_values, &FineTimesP { fine, fine_block, p, ap });
         fill(0..coarse.row_count(), coarse_values, &Restrict { pt, ap, ap_values, coarse });
@@ -133,7 +134,7 @@ trait Rows: Sync {
 
 /// `A P`.
 struct FineTimesP<'a, F> {
-    fine: &'a FreePattern,
+    fine: &'a BlockRows,
     fine_block: &'a F,
     p: &'a Interpolation,
     ap: &'a Product,
@@ -249,8 +250,10 @@ mod tests {
             let cells: Vec<[u32; 3]> =
                 (0..2 * n as u32).map(|i| [i % n as u32, (i * i + 3) % n as u32, (i * 7 + 1) % n as u32]).collect();
             let pattern = BlockPattern::from_cells(n, cells.iter().map(|c| &c[..]));
-            let fine =
-                FreePattern::new(&pattern, &DofConstraints::from_mask((0..n).map(|i| i % 4 == case % 4).collect()));
+            let fine = crate::solver::free::FreePattern::new(
+                &pattern,
+                &DofConstraints::from_mask((0..n).map(|i| i % 4 == case % 4).collect()),
+            );
             let mut p = Interpolation { coarse_count: coarse, start: vec![0], ..Interpolation::default() };
             for i in 0..n {
                 for c in 0..1 + i % 3 {
@@ -275,7 +278,7 @@ mod tests {
                     }
                 }
             }
-            let coarse_pattern = galerkin.coarse_pattern();
+            let coarse_pattern = galerkin.coarse_pattern((0..p.coarse_count as u32).collect());
             let mut there = vec![vec![false; p.coarse_count]; p.coarse_count];
             for i in 0..p.coarse_count {
                 for k in coarse_pattern.row(i) {

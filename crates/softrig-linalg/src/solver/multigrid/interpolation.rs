@@ -58,6 +58,26 @@ impl Interpolation {
         out
     }
 
+    /// The same entries, those of fine nodes in `held` without weight; and which coarse nodes the others then leave out. These have
+    /// no weight either.
+    pub(super) fn masked(mut self, held: &[bool], marking: Marking) -> (Self, Vec<bool>) {
+        let free: Vec<u32> = (0..held.len() as u32).filter(|i| !held[*i as usize]).collect();
+        let seen = match marking {
+            Marking::EmptyColumns => self.seen(&free),
+            Marking::Greedy => self.matched(&free),
+        };
+        let mut left_out = vec![true; self.coarse_count];
+        seen.iter().for_each(|c| left_out[*c as usize] = false);
+        for (i, held) in held.iter().enumerate() {
+            for k in self.row(i) {
+                if *held || left_out[self.column[k] as usize] {
+                    self.weight[k] = 0.0;
+                }
+            }
+        }
+        (self, left_out)
+    }
+
     /// Coarse nodes that one of the `kept` fine nodes interpolates from, ascending.
     fn seen(&self, kept: &[u32]) -> Vec<u32> {
         let mut seen = vec![false; self.coarse_count];

@@ -4,13 +4,14 @@ use super::colour::by_colour;
 use super::products::{Advance, Again, Matrix, Product, Reduce, Relax, Start};
 use super::settings::Smoother;
 use crate::solver::cubes::FreeCubes;
-use crate::solver::free::FreePattern;
+use crate::solver::free::{BlockRows, FreePattern};
 use crate::solver::pcg::kernel::Inverse;
 use crate::solver::quads::Quads;
 use crate::solver::sliced::{Fault, ROWS, Sliced};
 use crate::{CubeMatrix, run_wide};
 use rayon::prelude::*;
 use std::ops::Range;
+use std::sync::Arc;
 
 /// Chunks per task: fewer are not worth a second thread.
 const CHUNKS: usize = 4;
@@ -21,7 +22,7 @@ const POWER_STEPS: [usize; 2] = [15, 3];
 
 #[derive(Debug)]
 pub(super) struct Level {
-    pub pattern: FreePattern,
+    pub pattern: Arc<BlockRows>,
     smoother: Smoother,
     /// First row of each colour, and one past the last; one range of all rows where nobody asks for colours.
     colours: Vec<u32>,
@@ -47,13 +48,13 @@ pub(super) struct Level {
 }
 
 /// An order for the rows of a level, as [`by_colour`] gives it, where its smoother wants one.
-pub(super) fn order_for(smoother: Smoother, pattern: &FreePattern) -> Option<(Vec<u32>, Vec<u32>)> {
+pub(super) fn order_for(smoother: Smoother, pattern: &BlockRows) -> Option<(Vec<u32>, Vec<u32>)> {
     matches!(smoother, Smoother::GaussSeidel { .. }).then(|| by_colour(pattern))
 }
 
 impl Level {
     /// `colours` as [`order_for`] gave them for the pattern; the rows of the pattern are in that order.
-    pub fn new(pattern: FreePattern, smoother: Smoother, colours: Option<Vec<u32>>) -> Self {
+    pub fn new(pattern: Arc<BlockRows>, smoother: Smoother, colours: Option<Vec<u32>>) -> Self {
         let n = pattern.row_count();
         Self {
             smoother,
@@ -82,12 +83,12 @@ impl Level {
         matrix.load(&self.pattern, block_of, &mut self.inverse, &mut self.identity)
     }
 
-    /// Makes products take these cubes.
-    pub fn load_cubes<R: crate::Scalar>(&mut self, matrix: &CubeMatrix<R>) {
+    /// Makes products take these cubes; `free` is the pattern.
+    pub fn load_cubes<R: crate::Scalar>(&mut self, matrix: &CubeMatrix<R>, free: &FreePattern) {
         self.by_cubes = true;
         let made = self.cubes.take().filter(|c| c.belongs_to(&matrix.pattern));
-        let cubes = self.cubes.insert(made.unwrap_or_else(|| FreeCubes::new(&matrix.pattern, &self.pattern)));
-        cubes.load(matrix, &self.pattern);
+        let cubes = self.cubes.insert(made.unwrap_or_else(|| FreeCubes::new(&matrix.pattern, free)));
+        cubes.load(matrix, free);
         cubes.invert_diagonal(&mut self.inverse);
     }
 
@@ -160,6 +161,11 @@ impl Level {
         if good {
             self.eigenvector.extend_from_slice(self.d.get());
         }
+    }
+
+    /// Other rows of the pattern are held from now on.
+    pub fn hold(&mut self) {
+        self.cubes = None;
     }
 
     /// Drops what it knows of earlier matrices.

@@ -22,19 +22,16 @@ pub use settings::{Marking, MultigridSettings, Outer, Rebuild, Smoother};
 pub(super) use cycle::Cycle;
 
 use super::free::FreePattern;
-use super::pcg::{Pcg, Source};
-use super::{LinearSolver, LinearSystem, Preconditioner, SolveError, SolveReport, Stored, Traffic};
+use super::pcg::{ITERATION_LIMIT, Iteration, Source};
+use super::{BELOW_SINGLE, LinearSolver, LinearSystem, Preconditioner, SolveError, SolveReport, Stored, Traffic};
 use crate::{BlockCsr, BlockPattern, DofConstraints, Scalar};
 use level::order_for;
 use std::sync::Arc;
 
-/// Below this tolerance the iteration runs in the caller's numbers: f32 would have to start again too often.
-const BELOW_SINGLE: f64 = 1e-5;
-
 /// Loading a system and the coarse operators that have to be made now and then, in products in f64.
 const SETUP_WORK: f64 = 6.0;
 /// A product in f32 in products in f64: half the bytes.
-const SINGLE: f64 = 0.5;
+pub(super) const SINGLE: f64 = 0.5;
 
 /// Conjugate gradients preconditioned by one multigrid V-cycle, or cycles alone.
 #[derive(Debug)]
@@ -42,10 +39,10 @@ pub struct Multigrid<R> {
     settings: MultigridSettings,
     /// Interpolations from level to level of the unconstrained body, finest first.
     hierarchy: Arc<[Interpolation]>,
-    pcg: Pcg<f32>,
+    pcg: Iteration<f32>,
     /// For systems f32 cannot hold; made when one comes.
-    exact: Option<Pcg<R>>,
-    prepared: Option<Prepared>,
+    exact: Option<Iteration<R>>,
+    prepared: Option<Arc<BlockPattern>>,
     cycle: Option<Cycle>,
     /// Iterations of the first solve after the last rebuild of the coarse operators.
     fresh: Option<usize>,
@@ -54,15 +51,8 @@ pub struct Multigrid<R> {
     turned: Vec<[R; 4]>,
 }
 
-/// What the system was prepared for: its pattern, and the nodes of its free rows in their order.
-#[derive(Debug)]
-struct Prepared {
-    pattern: Arc<BlockPattern>,
-    order: Vec<u32>,
-}
-
 impl<R: Scalar> Multigrid<R> {
-    /// `hierarchy[0].start` has one row per node of the systems to come. An empty hierarchy makes this plain [`Pcg`].
+    /// `hierarchy[0].start` has one row per node of the systems to come. An empty hierarchy makes this plain [`super::Pcg`].
     #[must_use]
     pub fn new(hierarchy: Vec<Interpolation>) -> Self {
         Self::with_settings(hierarchy, MultigridSettings::default())
@@ -74,13 +64,48 @@ impl<R: Scalar> Multigrid<R> {
         Self {
             settings,
             hierarchy: hierarchy.into(),
-            pcg: Pcg::new(),
+            pcg: Iteration::new(ITERATION_LIMIT),
             exact: None,
             prepared: None,
             cycle: None,
             fresh: None,
             built: Vec::new(),
             turned: Vec::new(),
+        }
+    }
+
+    /// Symbolic work for these nodes.
+    fn prepare_rows(&mut self, pattern: &Arc<BlockPattern>, node: Vec<u32>) {
+        let mut free = FreePattern::in_order(pattern, node);
+        let colours = order_for(self.settings.smoother, &free).map(|(order, colours)| {
+            let node = order.iter().map(|row| free.node[*row as usize]).collect();
+            free = FreePattern::in_order(pattern, node);
+            colours
+        });
+        self.cycle = Cycle::new(&self.hierarchy, &free, colours, &self.settings);
+        self.prepared = Some(pattern.clone());
+        self.pcg.prepare(pattern, Arc::new(free));
+        self.exact = None;
+        self.fresh = None;
+    }
+
+    /// Rows stay, others of them are held: an exchange costs no symbolic work.
+    fn hold(&mut self, free: Arc<FreePattern>) {
+        if let Some(cycle) = &mut self.cycle {
+            cycle.hold(&self.hierarchy, &free, self.settings.marking);
+        }
+        if let Some(exact) = &mut self.exact {
+            exact.hold(free.clone());
+        }
+        self.pcg.hold(free);
+    }
+
+    /// Leaves out the rows that are held, so that nothing remains of the nodes that were free before.
+    fn compact(&mut self) {
+        if let Some(pattern) = self.prepared.clone().filter(|_| self.pcg.free().is_masked()) {
+            let mut node = self.pcg.free().free_nodes();
+            node.sort_unstable();
+            self.prepare_rows(&pattern, node);
         }
     }
 
@@ -98,7 +123,7 @@ impl<R: Scalar> Multigrid<R> {
         solution: &mut [[R; 3]],
         tolerance: f64,
     ) -> Result<SolveReport, SolveError> {
-        let exact = exact_solver(&mut self.exact, self.prepared.as_ref())?;
+        let exact = exact_solver(&mut self.exact, self.prepared.as_ref(), &self.pcg)?;
         exact.solve_with(Source::of(system), rhs, solution, tolerance, self.cycle.as_mut(), true)
     }
 
@@ -142,16 +167,17 @@ impl<R: Scalar> LinearSolver<R> for Multigrid<R> {
     }
 
     fn prepare(&mut self, pattern: &Arc<BlockPattern>, constraints: &DofConstraints) -> Result<(), SolveError> {
-        let mut free = FreePattern::new(pattern, constraints);
-        let colours = order_for(self.settings.smoother, &free).map(|(order, colours)| {
-            let node = order.iter().map(|row| free.node[*row as usize]).collect();
-            free = FreePattern::in_order(pattern, node);
-            colours
-        });
-        self.cycle = Cycle::new(&self.hierarchy, &free, colours, &self.settings);
-        self.prepared = Some(Prepared { pattern: pattern.clone(), order: free.node.clone() });
-        self.pcg.prepare_free(pattern, free);
-        self.exact = None;
+        let known = self.prepared.as_ref().is_some_and(|p| Arc::ptr_eq(p, pattern) || **p == **pattern);
+        let mut exchanged = if known { self.pcg.free().exchanged(pattern, constraints) } else { None };
+        if exchanged.is_none() {
+            // whoever exchanges once does it again: rows that have been free stay
+            let united = if known { self.pcg.free().united(constraints) } else { None };
+            self.prepare_rows(pattern, united.unwrap_or_else(|| free_nodes(constraints)));
+            exchanged = self.pcg.free().exchanged(pattern, constraints);
+        }
+        if let Some(free) = exchanged.filter(|free| free.is_masked() || self.pcg.free().is_masked()) {
+            self.hold(Arc::new(free));
+        }
         self.fresh = None;
         Ok(())
     }
@@ -190,7 +216,7 @@ impl<R: Scalar> LinearSolver<R> for Multigrid<R> {
             self.pcg.set_identity(cycle.identity());
         } else {
             if let Some(matrix) = system.cubes() {
-                cycle.load_cubes(matrix);
+                cycle.load_cubes(matrix, self.pcg.free());
             }
             if rebuild {
                 let matrix = system.assembled();
@@ -205,7 +231,7 @@ impl<R: Scalar> LinearSolver<R> for Multigrid<R> {
         let report = match self.settings.outer {
             Outer::Cycles { count } => self.pcg.cycle_with(source, rhs, solution, tolerance, cycle, count),
             Outer::ConjugateGradients if tolerance < BELOW_SINGLE => {
-                let exact = exact_solver(&mut self.exact, self.prepared.as_ref())?;
+                let exact = exact_solver(&mut self.exact, self.prepared.as_ref(), &self.pcg)?;
                 exact.solve_with(source, rhs, solution, tolerance, Some(cycle), true)
             }
             Outer::ConjugateGradients => self.pcg.solve_with(source, rhs, solution, tolerance, Some(cycle), false),
@@ -231,6 +257,7 @@ impl<R: Scalar> LinearSolver<R> for Multigrid<R> {
     }
 
     fn forget(&mut self) {
+        self.compact();
         self.fresh = None;
         self.built.clear();
         if let Some(cycle) = &mut self.cycle {
@@ -239,20 +266,26 @@ impl<R: Scalar> LinearSolver<R> for Multigrid<R> {
     }
 
     fn preconditioner(&mut self) -> Option<&mut dyn Preconditioner<R>> {
+        self.compact();
         // a multicolour sweep and a product go through the entries; whichever smoother, one cycle is symmetric
         if self.cycle.is_some() { Some(self) } else { None }
     }
 }
 
+fn free_nodes(constraints: &DofConstraints) -> Vec<u32> {
+    (0..constraints.node_count() as u32).filter(|n| !constraints.is_constrained(*n as usize)).collect()
+}
+
 /// The iteration in the caller's numbers, made on first use.
 fn exact_solver<'a, R: Scalar>(
-    exact: &'a mut Option<Pcg<R>>,
-    prepared: Option<&Prepared>,
-) -> Result<&'a mut Pcg<R>, SolveError> {
+    exact: &'a mut Option<Iteration<R>>,
+    prepared: Option<&Arc<BlockPattern>>,
+    single: &Iteration<f32>,
+) -> Result<&'a mut Iteration<R>, SolveError> {
     let prepared = prepared.ok_or(SolveError::NotPrepared)?;
     Ok(exact.get_or_insert_with(|| {
-        let mut made = Pcg::new();
-        made.prepare_free(&prepared.pattern, FreePattern::in_order(&prepared.pattern, prepared.order.clone()));
+        let mut made = Iteration::new(ITERATION_LIMIT);
+        made.prepare(prepared, single.free().clone());
         made
     }))
 }

@@ -15,11 +15,11 @@ impl<R: Scalar> Preconditioner<R> for Multigrid<R> {
         let cycle = self.cycle.as_mut().ok_or(SolveError::NotPrepared)?;
         let free = self.pcg.free();
         if let Some(matrix) = system.cubes().filter(|_| cubes) {
-            cycle.load_cubes(matrix);
+            cycle.load_cubes(matrix, free);
         }
         if rebuild || !cubes {
             let matrix = system.assembled();
-            if *matrix.pattern != *known.pattern {
+            if *matrix.pattern != **known {
                 return Err(SolveError::NotPrepared);
             }
             if !cubes {

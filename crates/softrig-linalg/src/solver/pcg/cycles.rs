@@ -1,6 +1,6 @@
 //! Multigrid cycles without conjugate gradients: the same true residual, another iteration.
 
-use super::{Pcg, Source};
+use super::{Iteration, Source};
 use crate::Scalar;
 use crate::solver::multigrid::Cycle;
 use crate::solver::{SolveError, SolveReport};
@@ -10,7 +10,7 @@ const MOST_CYCLES: usize = 400;
 /// A residual that has grown by this is not coming back; the first cycles of a smooth load may raise it 40 times.
 const DIVERGED: f64 = 1e6;
 
-impl<R: Scalar> Pcg<R> {
+impl<R: Scalar> Iteration<R> {
     /// Improves a zero start by `count` cycles, or as many as the tolerance needs; the cycle has been given the system. After
     /// each, the residual is that of the caller's system in f64.
     pub(in crate::solver) fn cycle_with<B: Scalar>(

@@ -1,6 +1,6 @@
 //! From the caller's system to the numbers of the iteration: free blocks or cubes, in the iteration's own type.
 
-use super::Pcg;
+use super::Iteration;
 use crate::solver::cubes::FreeCubes;
 use crate::solver::quads::Quads;
 use crate::solver::sliced::Sliced;
@@ -42,7 +42,7 @@ impl<'a, R> Source<'a, R> {
     }
 }
 
-impl<R: Scalar> Pcg<R> {
+impl<R: Scalar> Iteration<R> {
     /// Copies the free blocks, or the cubes, and inverts the diagonal blocks. With a cycle that makes the products, only what
     /// the true residual needs.
     pub(super) fn load<B: Scalar>(

@@ -1,62 +1,32 @@
 //! Conjugate gradients preconditioned by the inverted diagonal blocks.
-//!
-//! Per iteration one product `q = A p` (with `pᵀ q`), one pass `x += α p, r -= α q, z = D r` (with `rᵀ z`, `rᵀ r`) and one pass
-//! `p = z + β p`. The free blocks are copied once per solve, nine numbers side by side, so that the loops never meet a
-//! constrained node.
-//!
-//! The recursive residual `r` only decides when to look: what counts is `|b - A x| / |b|` of the rounded solution, computed in
-//! f64 from the caller's matrix. When it is larger than asked for, the iteration starts again from that residual and adds to
-//! the solution, so that an iteration in f32 reaches the digits of f64.
 
 mod cycles;
+mod iteration;
 pub(super) mod kernel;
 mod load;
 
-use load::CubeProducts;
+pub(super) use iteration::Iteration;
 pub(super) use load::Source;
 
-use super::cubes;
 use super::free::FreePattern;
-use super::multigrid::Cycle;
-use super::quads::Quads;
-use super::sliced::Sliced;
-use super::{LinearSolver, LinearSystem, SolveError, SolveReport, Traffic, residual};
-use crate::{BlockCsr, BlockPattern, DofConstraints, Scalar, run_wide};
-use kernel::{Direction, Inverse, Product, Update};
-use rayon::prelude::*;
-use std::any::Any;
+use super::{BELOW_SINGLE, LinearSolver, LinearSystem, SolveError, SolveReport, Stored, Traffic};
+use crate::{BlockCsr, BlockPattern, DofConstraints, Scalar};
 use std::sync::Arc;
 
-/// Rows per chunk: the unit of work of a thread and of the order of summation.
-const ROWS: usize = cubes::ROWS;
+/// Iterations after which a solver gives up: a time step of the bench bodies needs about a hundred, a static system with stiffness
+/// contrasts of 1000 a few thousand.
+pub(super) const ITERATION_LIMIT: usize = 10_000;
 
-/// The recursive residual of a pass is believed down to this many roundings of its start.
-const BELIEVED: f64 = 50.0;
-
-/// Block-Jacobi preconditioned conjugate gradients. Bitwise equal results for any thread count and machine.
+/// Block-Jacobi preconditioned conjugate gradients: in f32 on what is left to solve for, in the caller's numbers where many
+/// digits are asked for or f32 fails. Bitwise equal results for any thread count and machine.
 #[derive(Debug)]
 pub struct Pcg<R> {
-    /// Gives up with [`SolveError::NotConverged`] after so many iterations. Default 10 000: a time step of the bench bodies
-    /// needs about a hundred, a static system with stiffness contrasts of 1000 a few thousand.
+    /// Gives up with [`SolveError::NotConverged`] after so many iterations. Default 10 000.
     pub iteration_limit: usize,
+    single: Iteration<f32>,
+    /// Made when a system comes that f32 is not enough for.
+    exact: Option<Iteration<R>>,
     prepared: Option<Arc<BlockPattern>>,
-    pattern: FreePattern,
-    /// Made when the first stored matrix comes.
-    values: Option<Sliced<R>>,
-    /// Present where products take the cubes instead of the values.
-    cubes: Option<Box<CubeProducts<R>>>,
-    inverse: Vec<Inverse<R>>,
-    /// Free rows without a single entry: treated as rows of the identity.
-    identity: Vec<bool>,
-    x: Quads<R>,
-    r: Quads<R>,
-    z: Quads<R>,
-    p: Quads<R>,
-    q: Quads<R>,
-    partial: Vec<[f64; 2]>,
-    /// The solution so far, rounded to the caller's numbers.
-    candidate: Vec<[f64; 3]>,
-    true_residual: Vec<[f64; 3]>,
 }
 
 impl<R: Scalar> Default for Pcg<R> {
@@ -66,196 +36,11 @@ impl<R: Scalar> Default for Pcg<R> {
 }
 
 impl<R: Scalar> Pcg<R> {
-    /// Loading a system and its true residual, in products.
-    pub(super) const SETUP_WORK: f64 = 2.0;
-
     /// With the default iteration limit.
     #[must_use]
     pub fn new() -> Self {
-        Self {
-            iteration_limit: 10_000,
-            prepared: None,
-            pattern: FreePattern::default(),
-            values: None,
-            cubes: None,
-            inverse: Vec::new(),
-            identity: Vec::new(),
-            x: Quads::zero(0),
-            r: Quads::zero(0),
-            z: Quads::zero(0),
-            p: Quads::zero(0),
-            q: Quads::zero(0),
-            partial: Vec::new(),
-            candidate: Vec::new(),
-            true_residual: Vec::new(),
-        }
-    }
-
-    /// `q = A p`; returns `pᵀ q`.
-    fn product(&mut self) -> f64 {
-        if let Some(own) = self.cubes.as_mut().and_then(|c| c.own.as_mut()) {
-            own.product_dot(self.p.padded(), self.q.get_mut(), &mut self.partial);
-        } else if let Some(matrix) = &self.values {
-            let x = self.p.get();
-            let rows = (self.q.get_mut().par_chunks_mut(ROWS), x.par_chunks(ROWS), &mut self.partial);
-            rows.into_par_iter().enumerate().for_each(|(chunk, (y, own, partial))| {
-                partial[0] = run_wide::<R, _>(Product { matrix, chunk, x, own, y });
-            });
-        }
-        self.partial.iter().map(|p| p[0]).sum()
-    }
-
-    /// As `product`, by the finest level of the cycle, for an iteration in f32.
-    fn product_by(&mut self, cycle: &mut Cycle) -> f64 {
-        let own: (&dyn Any, &mut dyn Any) = (&self.p, &mut self.q);
-        match (own.0.downcast_ref(), own.1.downcast_mut()) {
-            (Some(p), Some(q)) => cycle.product_dot(p, q),
-            _ => unreachable!("only the f32 iteration asks the cycle for products"),
-        }
-    }
-
-    /// `x += alpha p; r -= alpha q; z = D r`; returns `(rᵀ z, rᵀ r)`.
-    fn update(&mut self, alpha: R) -> (f64, f64) {
-        let (x, r, z) = (self.x.get_mut(), self.r.get_mut(), self.z.get_mut());
-        (x.par_chunks_mut(ROWS), r.par_chunks_mut(ROWS), z.par_chunks_mut(ROWS), &mut self.partial)
-            .into_par_iter()
-            .zip((self.p.get().par_chunks(ROWS), self.q.get().par_chunks(ROWS), self.inverse.par_chunks(ROWS)))
-            .for_each(|((x, r, z, partial), (p, q, inverse))| {
-                *partial = run_wide::<R, _>(Update { alpha, p, q, inverse, x, r, z });
-            });
-        self.partial.iter().fold((0.0, 0.0), |sum, p| (sum.0 + p[0], sum.1 + p[1]))
-    }
-
-    /// `z = V r` instead of `D r`; returns `(rᵀ z, zᵀ q)`.
-    fn precondition(&mut self, cycle: &mut Cycle) -> (f64, f64) {
-        cycle.apply(self.r.get(), self.z.get_mut());
-        let (r, z, q) = (self.r.get(), self.z.get(), self.q.get());
-        self.partial.par_iter_mut().enumerate().for_each(|(c, partial)| {
-            let rows = c * ROWS..((c + 1) * ROWS).min(r.len());
-            *partial = rows.fold([0.0; 2], |[rz, zq], i| {
-                let dot = |a: &[R; 4]| (0..3).map(|k| a[k].to_f64() * z[i][k].to_f64()).sum::<f64>();
-                [rz + dot(&r[i]), zq + dot(&q[i])]
-            });
-        });
-        self.partial.iter().fold((0.0, 0.0), |sum, p| (sum.0 + p[0], sum.1 + p[1]))
-    }
-
-    /// Symbolic work for the free rows in an order of their own.
-    pub(super) fn prepare_free(&mut self, pattern: &Arc<BlockPattern>, free: FreePattern) {
-        let n = free.row_count();
-        self.values = None;
-        self.cubes = None;
-        self.inverse = vec![[[R::zero(); 4]; 3]; n];
-        self.identity = vec![false; n];
-        for v in [&mut self.x, &mut self.r, &mut self.z, &mut self.p, &mut self.q] {
-            *v = Quads::zero(n);
-        }
-        self.partial = vec![[0.0; 2]; n.div_ceil(ROWS)];
-        self.candidate = vec![[0.0; 3]; n];
-        self.true_residual = vec![[0.0; 3]; n];
-        self.pattern = free;
-        self.prepared = Some(Arc::clone(pattern));
-    }
-
-    /// Rows without a single entry, where the cycle has been given the system.
-    pub(super) fn set_identity(&mut self, identity: &[bool]) {
-        self.identity.copy_from_slice(identity);
-    }
-
-    /// The free part of the systems it is prepared for.
-    pub(super) fn free(&self) -> &FreePattern {
-        &self.pattern
-    }
-
-    /// `p = z + beta p`.
-    fn direction(&mut self, beta: R) {
-        self.p.get_mut().par_chunks_mut(ROWS).zip(self.z.get().par_chunks(ROWS)).for_each(|(p, z)| {
-            run_wide::<R, _>(Direction { beta, z, p });
-        });
-    }
-
-    /// Runs from the residual in `r` until it has at most the square norm `target`; returns the iterations done and whether
-    /// it got there. `x` is added to.
-    fn iterate(
-        &mut self,
-        target: f64,
-        limit: usize,
-        mut cycle: Option<&mut Cycle>,
-        products: bool,
-    ) -> Result<usize, SolveError> {
-        // an update by nothing: z = D r and the dot products; q and p hold zeros or finite leftovers
-        let (mut rz, mut rr) = self.update(R::zero());
-        if rr <= target {
-            return Ok(0);
-        }
-        if let Some(cycle) = &mut cycle {
-            rz = self.precondition(cycle).0;
-        }
-        self.direction(R::zero());
-        for iteration in 1..=limit {
-            let pq = match &mut cycle {
-                Some(cycle) if !products => self.product_by(cycle),
-                _ => self.product(),
-            };
-            if pq.is_nan() || pq <= 0.0 || !rz.is_finite() {
-                return Err(SolveError::NotPositiveDefinite { node: self.steepest_node() });
-            }
-            let (rz_before, alpha) = (rz, rz / pq);
-            (rz, rr) = self.update(R::from_f64(alpha));
-            if rr <= target {
-                return Ok(iteration);
-            }
-            let mut beta = rz / rz_before;
-            if let Some(cycle) = &mut cycle {
-                let zq;
-                (rz, zq) = self.precondition(cycle);
-                // zᵀ (r - r_before) / rz_before: a cycle in f32 is symmetric only up to rounding
-                beta = -alpha * zq / rz_before;
-            }
-            self.direction(R::from_f64(beta));
-        }
-        Ok(limit)
-    }
-
-    /// The node that contributes least to `pᵀ A p`, to name one where the matrix is indefinite.
-    fn steepest_node(&self) -> usize {
-        let worst = |i: &usize| {
-            let (p, q) = (self.p.get()[*i], self.q.get()[*i]);
-            (0..3).map(|c| p[c].to_f64() * q[c].to_f64()).sum::<f64>()
-        };
-        let row = (0..self.pattern.row_count()).min_by(|a, b| worst(a).total_cmp(&worst(b)));
-        row.map_or(0, |row| self.pattern.node[row] as usize)
-    }
-
-    /// Adds what the iteration has found, rounds, and returns the square norm of the true residual, which is left in
-    /// `true_residual`. All is multiplied by `scale`, the iteration's part by `part` on top of it.
-    fn examine<B: Scalar>(&mut self, source: Source<'_, B>, rhs: &[[B; 3]], scale: f64, part: f64) -> f64 {
-        let factor = 1.0 / (scale * part);
-        for (candidate, x) in self.candidate.iter_mut().zip(self.x.get()) {
-            *candidate = std::array::from_fn(|c| B::from_f64(candidate[c] + x[c].to_f64() * factor).to_f64());
-        }
-        let candidate = &self.candidate;
-        match (source, &mut self.cubes) {
-            (Source::Cubes(_), Some(cubes)) => {
-                for (x, v) in cubes.x.get_mut().iter_mut().zip(candidate) {
-                    *x = [v[0], v[1], v[2], 0.0];
-                }
-                cubes.exact.product(cubes.x.padded(), cubes.y.get_mut());
-                let mut square = 0.0;
-                for ((r, y), node) in self.true_residual.iter_mut().zip(cubes.y.get()).zip(&self.pattern.node) {
-                    let b = rhs[*node as usize];
-                    *r = std::array::from_fn(|c| (b[c].to_f64() - y[c]) * scale);
-                    square += r[0] * r[0] + r[1] * r[1] + r[2] * r[2];
-                }
-                square
-            }
-            (Source::Stored(matrix), _) => {
-                let x = |row: usize| candidate[row];
-                let out = Some(&mut self.true_residual[..]);
-                residual::squared(&self.pattern, &self.identity, scale, matrix, rhs, &x, out)
-            }
-            (Source::Cubes(_), None) => f64::NAN,
-        }
+        let single = Iteration::new(ITERATION_LIMIT);
+        Self { iteration_limit: ITERATION_LIMIT, single, exact: None, prepared: None }
     }
 }
 
@@ -265,14 +50,13 @@ impl<R: Scalar> LinearSolver<R> for Pcg<R> {
     }
 
     fn traffic(&self) -> Option<Traffic> {
-        let matrix = self.values.as_ref().map_or(0, Sliced::bytes);
-        // the product and two updates read or write twelve vectors; there are five
-        let numbers = |count: usize| count * size_of::<R>() * self.pattern.row_count();
-        Some(Traffic { moved: matrix + numbers(12 * 4 + 12), held: matrix + numbers(5 * 4 + 12) })
+        Some(self.exact.as_ref().map_or_else(|| self.single.traffic(), Iteration::traffic))
     }
 
     fn prepare(&mut self, pattern: &Arc<BlockPattern>, constraints: &DofConstraints) -> Result<(), SolveError> {
-        self.prepare_free(pattern, FreePattern::new(pattern, constraints));
+        self.single.prepare(pattern, Arc::new(FreePattern::new(pattern, constraints)));
+        self.exact = None;
+        self.prepared = Some(pattern.clone());
         Ok(())
     }
 
@@ -283,7 +67,7 @@ impl<R: Scalar> LinearSolver<R> for Pcg<R> {
         solution: &mut [[R; 3]],
         tolerance: f64,
     ) -> Result<SolveReport, SolveError> {
-        self.solve_with(Source::Stored(matrix), rhs, solution, tolerance, None, true)
+        self.solve_system(&mut Stored(matrix), rhs, solution, tolerance)
     }
 
     fn solve_system(
@@ -293,106 +77,22 @@ impl<R: Scalar> LinearSolver<R> for Pcg<R> {
         solution: &mut [[R; 3]],
         tolerance: f64,
     ) -> Result<SolveReport, SolveError> {
-        self.solve_with(Source::of(system), rhs, solution, tolerance, None, true)
-    }
-}
-
-impl<R: Scalar> Pcg<R> {
-    /// As `solve`, for a system in other numbers too, preconditioned by the cycle when there is one. Without `products` the
-    /// cycle, which has been given the system, makes the products too.
-    pub(super) fn solve_with<B: Scalar>(
-        &mut self,
-        source: Source<'_, B>,
-        rhs: &[[B; 3]],
-        solution: &mut [[B; 3]],
-        tolerance: f64,
-        cycle: Option<&mut Cycle>,
-        products: bool,
-    ) -> Result<SolveReport, SolveError> {
-        self.check_source(source, rhs, solution)?;
-        // on the pool's own threads, so that each loop does not enter it anew
-        rayon::scope(|_| self.solve_inside(source, rhs, solution, tolerance, cycle, products))
-    }
-
-    fn check_source<B: Scalar>(
-        &self,
-        source: Source<'_, B>,
-        rhs: &[[B; 3]],
-        solution: &[[B; 3]],
-    ) -> Result<(), SolveError> {
-        match source {
-            Source::Stored(matrix) => self.check(matrix, rhs, solution),
-            Source::Cubes(matrix) => {
-                let nodes = self.prepared.as_ref().ok_or(SolveError::NotPrepared)?.row_count();
-                let fits = matrix.pattern.node_count == nodes && rhs.len() == nodes && solution.len() == nodes;
-                if fits { Ok(()) } else { Err(SolveError::NotPrepared) }
+        let source = Source::of(system);
+        if tolerance >= BELOW_SINGLE {
+            self.single.iteration_limit = self.iteration_limit;
+            match self.single.solve_with(source, rhs, solution, tolerance, None, true) {
+                Err(SolveError::NotConverged { iterations, .. }) if iterations < self.iteration_limit => {}
+                Err(SolveError::NotFinite { .. } | SolveError::NotPositiveDefinite { .. }) => {}
+                other => return other,
             }
         }
-    }
-
-    /// Starts from zero: everything is still to be solved for. Returns the square norm of the right-hand side times `scale`.
-    fn begin<B: Scalar>(&mut self, rhs: &[[B; 3]], scale: f64) -> f64 {
-        self.candidate.fill([0.0; 3]);
-        let mut square = 0.0;
-        for (r, node) in self.true_residual.iter_mut().zip(&self.pattern.node) {
-            *r = rhs[*node as usize].map(|b| b.to_f64() * scale);
-            square += r[0] * r[0] + r[1] * r[1] + r[2] * r[2];
-        }
-        square
-    }
-
-    /// Does the system belong to the prepared pattern?
-    pub(super) fn check<B: Scalar>(
-        &self,
-        matrix: &BlockCsr<B>,
-        rhs: &[[B; 3]],
-        solution: &[[B; 3]],
-    ) -> Result<(), SolveError> {
         let whole = self.prepared.as_ref().ok_or(SolveError::NotPrepared)?;
-        super::check_system(whole, matrix, rhs, solution)
-    }
-
-    fn solve_inside<B: Scalar>(
-        &mut self,
-        source: Source<'_, B>,
-        rhs: &[[B; 3]],
-        solution: &mut [[B; 3]],
-        tolerance: f64,
-        mut cycle: Option<&mut Cycle>,
-        products: bool,
-    ) -> Result<SolveReport, SolveError> {
-        self.load(source, cycle.is_none(), products)?;
-        let Some(scale) = self.pattern.scale_of(rhs)? else {
-            solution.fill([B::zero(); 3]);
-            return Ok(SolveReport { solver: "pcg", iterations: 0, residual: 0.0, converged: true, rebuilt: false });
-        };
-        let square = self.begin(rhs, scale);
-        let (norm, mut left) = (square.sqrt(), square);
-        let mut iterations = 0;
-        loop {
-            // each pass solves for what is left, of size 1 again: f32 has the digits but not the range
-            let part = (-left.sqrt().log2().floor()).exp2();
-            for (r, t) in self.r.get_mut().iter_mut().zip(&self.true_residual) {
-                *r = [R::from_f64(t[0] * part), R::from_f64(t[1] * part), R::from_f64(t[2] * part), R::zero()];
-            }
-            for v in [&mut self.x, &mut self.p, &mut self.q] {
-                v.get_mut().fill([R::zero(); 4]);
-            }
-            // no further than the recursion can be believed
-            let goal = (tolerance * norm).powi(2).max(left * (BELIEVED * R::EPSILON.to_f64()).powi(2)) * part * part;
-            let limit = self.iteration_limit.saturating_sub(iterations);
-            iterations += self.iterate(goal, limit, cycle.as_deref_mut(), products)?;
-            let before = left;
-            left = self.examine(source, rhs, scale, part);
-            let residual = left.sqrt() / norm;
-            if residual <= tolerance {
-                self.pattern.scatter(&self.candidate, solution);
-                return Ok(SolveReport { solver: "pcg", iterations, residual, converged: true, rebuilt: false });
-            }
-            // each pass must gain something, or rounding has the last word
-            if iterations >= self.iteration_limit || left.is_nan() || left >= 0.25 * before {
-                return Err(SolveError::NotConverged { solver: "pcg", residual, iterations, tolerance });
-            }
-        }
+        let exact = self.exact.get_or_insert_with(|| {
+            let mut made = Iteration::new(ITERATION_LIMIT);
+            made.prepare(whole, self.single.free().clone());
+            made
+        });
+        exact.iteration_limit = self.iteration_limit;
+        exact.solve_with(source, rhs, solution, tolerance, None, true)
     }
 }
