@@ -161,6 +161,17 @@ impl<R: Scalar> Body<R> {
         Ok(())
     }
 
+    /// `K + s M` with the stiffness of the model's last linearisation and lumped masses [N/m]; `inertia` is s [1/s2].
+    pub fn system_matrix(&mut self, inertia: f64) -> BlockCsr<R> {
+        let mut matrix = BlockCsr::zero(self.pattern.clone());
+        self.model.stiffness(R::zero(), R::zero(), &mut matrix);
+        for (at, m) in self.pattern.diagonal().iter().zip(&self.mass) {
+            let added = R::from_f64(inertia * m.to_f64());
+            (0..3).for_each(|k| matrix.values[*at as usize][4 * k] += added);
+        }
+        matrix
+    }
+
     /// Sum of the nodes' masses [kg].
     #[must_use]
     pub fn total_mass(&self) -> f64 {

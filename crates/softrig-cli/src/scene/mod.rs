@@ -2,12 +2,14 @@
 //! the JSON schema and `docs/scene.md`.
 
 mod coupling;
+mod multigrid;
 mod overrides;
 mod read;
 mod rigid;
 mod template;
 
 pub use coupling::{Chosen, Coupling, Event, Joint, JointName, RootName, SchemeName};
+pub use multigrid::{Multigrid, SmootherName};
 pub use read::{SceneError, is_bvh, parse, read};
 pub use template::template;
 
@@ -35,6 +37,9 @@ pub struct Scene {
     /// How the body is simulated.
     #[serde(default)]
     pub simulation: Simulation,
+    /// Levels and smoother of the solvers `multigrid` and `auto`.
+    #[serde(default)]
+    pub multigrid: Multigrid,
     /// What the flesh is made of where no region says otherwise.
     #[serde(default)]
     pub material: BaseMaterial,

@@ -133,6 +133,7 @@ impl Scene {
             let key = format!("simulation.gravity ({axis})");
             within(&key, Some(g), -1e4..=1e4, "it must be between -10000 and 10000 m/s2")?;
         }
+        self.multigrid.check()?;
         let base = self.material.material();
         check_material("material", &base)?;
         if let Some(near) = self.material.near_bones {
@@ -187,7 +188,7 @@ fn check_material(key: &str, material: &Material) -> Result<(), SceneError> {
     material.check().map_err(|e| SceneError::Conflict(format!("{key}: {e}")))
 }
 
-fn within(
+pub(super) fn within(
     key: &str,
     value: Option<f64>,
     range: std::ops::RangeInclusive<f64>,

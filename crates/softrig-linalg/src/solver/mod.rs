@@ -4,6 +4,7 @@ mod adapted;
 mod auto;
 mod cubes;
 mod direct;
+mod factor;
 mod free;
 mod multigrid;
 mod pcg;

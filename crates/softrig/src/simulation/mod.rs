@@ -17,7 +17,7 @@ pub use checkpoint::{Checkpoint, CheckpointError};
 pub use coupling::{Coupling, JointReaction, TwoWay, TwoWayScheme, root_bones};
 pub use event::{Action, Event, Key, along};
 pub use motion::{ClipMotion, Motion, RestMotion};
-pub use settings::{FrameReport, SimulationSettings, SolverKind, interpolations};
+pub use settings::{FrameReport, MultigridOptions, SimulationSettings, SolverKind, interpolations};
 pub use stiffen::stiffening;
 pub use two_way::CoupleError;
 
@@ -132,7 +132,7 @@ impl<R: Scalar> Simulation<R> {
             if materials.of_cell.is_empty() && materials.stiffness_factor.is_empty() { 1 } else { mesh.cell_count() };
         let wave_speed = (0..cells.min(mesh.cell_count())).map(square).fold(0.0, f64::max).sqrt();
         let body = Body::new(mesh, &materials, ElasticModel::Corotated, constraints)?;
-        let mut solver = settings.solver.build::<R>(&body.mesh);
+        let mut solver = settings.solver.build_with::<R>(&body.mesh, &settings.multigrid);
         solver.prepare(&body.pattern, &body.constraints)?;
         let zero = vec![[R::zero(); 3]; rest.len()];
         let pose = RestMotion(&character.skeleton).pose(0.0);

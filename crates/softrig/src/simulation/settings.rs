@@ -2,7 +2,7 @@
 
 use crate::integrate::{Dynamics, StepOutput};
 use crate::mesh::{HierarchyOptions, Prolongation, VolumeMesh, hierarchy};
-use softrig_linalg::solver::{Auto, Direct, Interpolation, Multigrid, Pcg};
+use softrig_linalg::solver::{Auto, Direct, Interpolation, Multigrid, MultigridSettings, Pcg};
 use softrig_linalg::{LinearSolver, Scalar};
 
 /// Which linear solver.
@@ -32,10 +32,17 @@ impl SolverKind {
         }
     }
 
-    /// The solver for a body of that mesh.
+    /// The solver for a body of that mesh, with the default levels and smoother.
     #[must_use]
     pub fn build<R: Scalar>(self, mesh: &VolumeMesh) -> Box<dyn LinearSolver<R>> {
-        let multigrid = || Multigrid::new(interpolations(hierarchy(mesh, &HierarchyOptions::default())));
+        self.build_with(mesh, &MultigridOptions::default())
+    }
+
+    /// The solver for a body of that mesh.
+    #[must_use]
+    pub fn build_with<R: Scalar>(self, mesh: &VolumeMesh, options: &MultigridOptions) -> Box<dyn LinearSolver<R>> {
+        let levels = || interpolations(hierarchy(mesh, &options.hierarchy));
+        let multigrid = || Multigrid::with_settings(levels(), options.settings);
         match self {
             Self::Multigrid => Box::new(multigrid()),
             Self::Pcg => Box::new(Pcg::default()),
@@ -43,6 +50,15 @@ impl SolverKind {
             Self::Auto => Box::new(Auto::new(multigrid())),
         }
     }
+}
+
+/// What multigrid solvers are made of.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct MultigridOptions {
+    /// Number and size of the levels.
+    pub hierarchy: HierarchyOptions,
+    /// What is done on them.
+    pub settings: MultigridSettings,
 }
 
 /// Interpolations as the solvers take them.
@@ -64,6 +80,8 @@ pub struct SimulationSettings {
     pub dynamics: Dynamics,
     /// Linear solver.
     pub solver: SolverKind,
+    /// What [`SolverKind::Multigrid`] and [`SolverKind::Auto`] are made of.
+    pub multigrid: MultigridOptions,
     /// Relative residual of every linear solve [-]. Default 1e-3: the motion repeats to a millimetre; baking uses 1e-6.
     pub tolerance: f64,
     /// Acceleration of gravity [m/s2].
@@ -81,6 +99,7 @@ impl Default for SimulationSettings {
         Self {
             dynamics: Dynamics::default(),
             solver: SolverKind::default(),
+            multigrid: MultigridOptions::default(),
             tolerance: 1e-3,
             gravity: [0.0, -9.81, 0.0],
             preroll: 0.5,

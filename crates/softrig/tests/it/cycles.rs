@@ -41,12 +41,7 @@ fn system(
     let rest = mesh.nodes.clone();
     let mut body = Body::new(mesh, &MaterialMap::uniform(material), ElasticModel::Corotated, constraints).unwrap();
     body.model.linearise(&rest);
-    let mut matrix = BlockCsr::zero(body.pattern.clone());
-    body.model.stiffness(0.0, 0.0, &mut matrix);
-    for (n, m) in body.mass.iter().enumerate() {
-        let at = body.pattern.diagonal()[n] as usize;
-        (0..3).for_each(|k| matrix.values[at][4 * k] += dt.map_or(0.0, |dt| m / (dt * dt)));
-    }
+    let matrix = body.system_matrix(dt.map_or(0.0, |dt| 1.0 / (dt * dt)));
     let load = body.weight([1.0, -9.81, 2.0]);
     (body, matrix, load)
 }

@@ -45,12 +45,8 @@ impl Bar {
         let materials = MaterialMap::uniform(material);
         let mut body = Body::new(mesh, &materials, ElasticModel::Corotated, DofConstraints::none(rest.len())).unwrap();
         body.model.linearise(&rest);
-        let mut matrix = BlockCsr::zero(body.pattern.clone());
-        body.model.stiffness(0.0, 0.0, &mut matrix);
+        let matrix = body.system_matrix(3600.0);
         let inertia: Vec<f64> = body.mass.iter().map(|m| m * 3600.0).collect();
-        for (at, m) in body.pattern.diagonal().iter().zip(&inertia) {
-            (0..3).for_each(|k| matrix.values[*at as usize][4 * k] += m);
-        }
         let cubes = body.model.cube_pattern().map(|pattern| {
             let mut cubes = CubeMatrix::zero(pattern);
             body.model.cubes(0.0, 0.0, &mut cubes);

@@ -44,12 +44,7 @@ fn system(mesh: &VolumeMesh, poisson_ratio: f64, h: f64) -> (Body<f64>, BlockCsr
     .unwrap();
     let rest = mesh.nodes.clone();
     body.model.linearise(&rest);
-    let mut matrix = BlockCsr::zero(body.pattern.clone());
-    body.model.stiffness(0.0, 0.0, &mut matrix);
-    for (n, m) in body.mass.iter().enumerate() {
-        let d = body.pattern.diagonal()[n] as usize;
-        (0..3).for_each(|k| matrix.values[d][4 * k] += m / (h * h));
-    }
+    let matrix = body.system_matrix(1.0 / (h * h));
     let load = body.weight([3.0, -9.81, 1.0]);
     (body, matrix, load)
 }

@@ -107,6 +107,7 @@ fn settings(scene: &Scene) -> SimulationSettings {
             DynamicsName::Paper => Dynamics::Paper,
         },
         solver: s.solver.into(),
+        multigrid: scene.multigrid.options(),
         tolerance: s.tolerance,
         gravity: s.gravity,
         preroll: scene.motion.preroll,

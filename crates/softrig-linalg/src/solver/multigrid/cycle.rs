@@ -5,12 +5,11 @@ use super::galerkin::{Galerkin, interpolate_add};
 use super::interpolation::Interpolation;
 use super::level::{Level, order_for};
 use super::settings::{Marking, MultigridSettings, Smoother};
+use crate::solver::factor::Factor;
 use crate::solver::free::FreePattern;
 use crate::solver::quads::Quads;
 use crate::solver::sliced::Fault;
 use crate::{CubeMatrix, Scalar, Traffic};
-use faer::linalg::solvers::{Llt, Solve};
-use faer::{Mat, Side};
 use std::sync::Arc;
 
 /// Relative shift of the coarsest diagonal: interpolation next to constraints can be rank deficient (numerics 5.3), and
@@ -26,13 +25,21 @@ fn products(smoother: Smoother) -> usize {
 }
 
 /// All levels of a constrained body.
-#[derive(Debug)]
 pub(crate) struct Cycle {
     levels: Vec<Level>,
     /// Between level `l` and `l + 1`.
     galerkin: Vec<Galerkin>,
-    coarsest: Option<Llt<f64>>,
-    coarsest_rhs: Mat<f64>,
+    coarsest: Option<Factor>,
+    /// Whether the last factorisation came through.
+    factorised: bool,
+    coarsest_identity: Vec<bool>,
+    coarsest_rhs: Vec<f64>,
+}
+
+impl std::fmt::Debug for Cycle {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Cycle").field("levels", &self.levels).finish_non_exhaustive()
+    }
 }
 
 impl Cycle {
@@ -73,8 +80,11 @@ impl Cycle {
         if galerkin.is_empty() {
             return None;
         }
-        let n = 3 * levels[levels.len() - 1].pattern.row_count();
-        Some(Self { levels, galerkin, coarsest: None, coarsest_rhs: Mat::zeros(n, 1) })
+        let last = &levels[levels.len() - 1].pattern;
+        let n = last.row_count();
+        let coarsest = Factor::new(last);
+        let (coarsest_identity, coarsest_rhs) = (vec![false; n], vec![0.0; 3 * n]);
+        Some(Self { levels, galerkin, coarsest, factorised: false, coarsest_identity, coarsest_rhs })
     }
 
     /// Takes the blocks of the finest level, by their place in the pattern: products use these from now on.
@@ -149,25 +159,13 @@ impl Cycle {
     }
 
     fn factorise(&mut self) {
-        let level = &self.levels[self.levels.len() - 1];
-        let blocks = self.galerkin[self.galerkin.len() - 1].coarse_blocks();
-        let n = level.pattern.row_count();
-        let mut a = Mat::<f64>::zeros(3 * n, 3 * n);
-        for i in 0..n {
-            for k in level.pattern.row(i) {
-                let (j, block) = (level.pattern.column[k] as usize, blocks[k]);
-                for r in 0..3 {
-                    for c in 0..3 {
-                        a[(3 * i + r, 3 * j + c)] = f64::from(block[3 * r + c]);
-                    }
-                }
-            }
-        }
-        let largest = (0..3 * n).map(|i| a[(i, i)]).fold(0.0, f64::max);
-        for i in 0..3 * n {
-            a[(i, i)] += SHIFT * a[(i, i)].max(1e-6 * largest);
-        }
-        self.coarsest = Llt::new(a.as_ref(), Side::Lower).ok();
+        let (level, galerkin) = (&self.levels[self.levels.len() - 1], &self.galerkin[self.galerkin.len() - 1]);
+        let block_of = |k: usize| galerkin.coarse_blocks()[k].map(f64::from);
+        self.factorised = self.coarsest.as_mut().is_some_and(|factor| {
+            let loaded = factor.load(&level.pattern, &block_of, &mut self.coarsest_identity);
+            factor.shift_diagonal(SHIFT, 1e-6);
+            loaded.and_then(|()| factor.factorise()).is_ok()
+        });
     }
 
     /// `z = V r`: one cycle from zero.
@@ -202,17 +200,17 @@ impl Cycle {
     fn solve_coarsest(&mut self) {
         let last = self.levels.len() - 1;
         let level = &mut self.levels[last];
-        let Some(factor) = &self.coarsest else {
+        let Some(factor) = self.coarsest.as_mut().filter(|_| self.factorised) else {
             // not positive definite even with the shift: smoothing alone is still a valid preconditioner
             level.smooth_from_zero();
             return;
         };
-        for (i, b) in level.b.get().iter().enumerate() {
-            (0..3).for_each(|k| self.coarsest_rhs[(3 * i + k, 0)] = f64::from(b[k]));
+        for (to, b) in self.coarsest_rhs.as_chunks_mut::<3>().0.iter_mut().zip(level.b.get()) {
+            *to = [b[0], b[1], b[2]].map(f64::from);
         }
-        factor.solve_in_place(self.coarsest_rhs.as_mut());
-        for (i, x) in level.x.get_mut().iter_mut().enumerate() {
-            *x = std::array::from_fn(|k| if k < 3 { self.coarsest_rhs[(3 * i + k, 0)] as f32 } else { 0.0 });
+        factor.solve_in_place(&mut self.coarsest_rhs);
+        for (x, from) in level.x.get_mut().iter_mut().zip(self.coarsest_rhs.as_chunks::<3>().0) {
+            *x = [from[0] as f32, from[1] as f32, from[2] as f32, 0.0];
         }
     }
 }

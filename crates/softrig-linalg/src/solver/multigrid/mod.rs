@@ -7,6 +7,7 @@
 //! the caller's numbers where many digits are asked for); residuals are those of the caller's system in f64, and what is
 //! reported is the true residual.
 
+mod age;
 mod colour;
 mod cycle;
 mod galerkin;
@@ -25,11 +26,15 @@ use super::free::FreePattern;
 use super::pcg::{ITERATION_LIMIT, Iteration, Source};
 use super::{BELOW_SINGLE, LinearSolver, LinearSystem, Preconditioner, SolveError, SolveReport, Stored, Traffic};
 use crate::{BlockCsr, BlockPattern, DofConstraints, Scalar};
+use age::Age;
 use level::order_for;
 use std::sync::Arc;
 
 /// Loading a system and the coarse operators that have to be made now and then, in products in f64.
 const SETUP_WORK: f64 = 6.0;
+/// What a rebuild of the coarse operators costs, in iterations: of a stored matrix, and of cubes, which have to be assembled for it.
+/// Counted in blocks for three levels, and about what is measured.
+const REBUILD: [f64; 2] = [4.0, 6.0];
 /// A product in f32 in products in f64: half the bytes.
 pub(super) const SINGLE: f64 = 0.5;
 
@@ -44,8 +49,7 @@ pub struct Multigrid<R> {
     exact: Option<Iteration<R>>,
     prepared: Option<Arc<BlockPattern>>,
     cycle: Option<Cycle>,
-    /// Iterations of the first solve after the last rebuild of the coarse operators.
-    fresh: Option<usize>,
+    age: Age,
     /// Rotations of the cells at the last rebuild, and now.
     built: Vec<[R; 4]>,
     turned: Vec<[R; 4]>,
@@ -68,7 +72,7 @@ impl<R: Scalar> Multigrid<R> {
             exact: None,
             prepared: None,
             cycle: None,
-            fresh: None,
+            age: Age::default(),
             built: Vec::new(),
             turned: Vec::new(),
         }
@@ -86,7 +90,7 @@ impl<R: Scalar> Multigrid<R> {
         self.prepared = Some(pattern.clone());
         self.pcg.prepare(pattern, Arc::new(free));
         self.exact = None;
-        self.fresh = None;
+        self.age = Age::default();
     }
 
     /// Rows stay, others of them are held: an exchange costs no symbolic work.
@@ -143,15 +147,6 @@ impl<R: Scalar> Multigrid<R> {
             }
         }
     }
-
-    /// Keeps count of what the last rebuild is still worth.
-    fn note(&mut self, iterations: usize) {
-        let fresh = *self.fresh.get_or_insert(iterations.max(1));
-        // half as many again, and two: small counts jitter
-        if self.settings.rebuild == Rebuild::WhenSlower && iterations > fresh + fresh / 2 + 2 {
-            self.fresh = None;
-        }
-    }
 }
 
 impl<R: Scalar> LinearSolver<R> for Multigrid<R> {
@@ -178,7 +173,7 @@ impl<R: Scalar> LinearSolver<R> for Multigrid<R> {
         if let Some(free) = exchanged.filter(|free| free.is_masked() || self.pcg.free().is_masked()) {
             self.hold(Arc::new(free));
         }
-        self.fresh = None;
+        self.age = Age::default();
         Ok(())
     }
 
@@ -202,7 +197,7 @@ impl<R: Scalar> LinearSolver<R> for Multigrid<R> {
         if self.cycle.is_none() {
             return self.solve_exactly(system, rhs, solution, tolerance);
         }
-        let rebuild = self.is_stale(system) || self.fresh.is_none();
+        let rebuild = self.is_stale(system) || self.age.is_over();
         let Some(cycle) = &mut self.cycle else { return Err(SolveError::NotPrepared) };
         let cubes = matches!(self.settings.smoother, Smoother::Chebyshev { .. }) && system.cubes().is_some();
         if !cubes {
@@ -226,6 +221,7 @@ impl<R: Scalar> LinearSolver<R> for Multigrid<R> {
         }
         if rebuild {
             std::mem::swap(&mut self.built, &mut self.turned);
+            self.age = Age::default();
         }
         let source = if cubes { Source::of(system) } else { Source::Stored(system.assembled()) };
         let report = match self.settings.outer {
@@ -238,16 +234,20 @@ impl<R: Scalar> LinearSolver<R> for Multigrid<R> {
         };
         match report {
             Ok(r) => {
-                self.note(r.iterations);
+                let worth = match self.settings.rebuild {
+                    Rebuild::WhenSlower => REBUILD[usize::from(cubes)],
+                    _ => f64::INFINITY,
+                };
+                self.age.note(&r, worth);
                 Ok(SolveReport { solver: self.name(), rebuilt: rebuild, ..r })
             }
             // stale coarse operators must not fail a solve
             Err(_) if !rebuild => {
-                self.fresh = None;
+                self.age = Age::default();
                 self.solve_system(system, rhs, solution, tolerance)
             }
             Err(e) => {
-                self.fresh = None;
+                self.age = Age::default();
                 match self.settings.outer {
                     Outer::ConjugateGradients => self.solve_exactly(system, rhs, solution, tolerance),
                     Outer::Cycles { .. } => Err(e),
@@ -258,7 +258,7 @@ impl<R: Scalar> LinearSolver<R> for Multigrid<R> {
 
     fn forget(&mut self) {
         self.compact();
-        self.fresh = None;
+        self.age = Age::default();
         self.built.clear();
         if let Some(cycle) = &mut self.cycle {
             cycle.forget();

@@ -1,15 +1,13 @@
 //! The cycle for other iterations than our own.
 
+use super::age::Age;
 use super::{Multigrid, Smoother};
 use crate::Scalar;
 use crate::solver::{LinearSystem, Preconditioner, SolveError};
 
-/// Stands for the iterations of a solve that is not ours: never grown by half.
-const UNKNOWN: usize = usize::MAX / 4;
-
 impl<R: Scalar> Preconditioner<R> for Multigrid<R> {
     fn load(&mut self, system: &mut dyn LinearSystem<R>) -> Result<(), SolveError> {
-        let rebuild = self.is_stale(system) || self.fresh.is_none();
+        let rebuild = self.is_stale(system) || self.age.is_over();
         let cubes = matches!(self.settings.smoother, Smoother::Chebyshev { .. }) && system.cubes().is_some();
         let known = self.prepared.as_ref().ok_or(SolveError::NotPrepared)?;
         let cycle = self.cycle.as_mut().ok_or(SolveError::NotPrepared)?;
@@ -31,7 +29,7 @@ impl<R: Scalar> Preconditioner<R> for Multigrid<R> {
         }
         if rebuild {
             std::mem::swap(&mut self.built, &mut self.turned);
-            self.fresh = Some(UNKNOWN);
+            self.age = Age::unknown();
         }
         Ok(())
     }

@@ -89,7 +89,7 @@ pub enum Marking {
 /// When the coarse operators are computed anew. Nothing depends on a clock.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Rebuild {
-    /// When a solve needed half as many iterations again as the first one after the last rebuild, and two more.
+    /// When a solve lost more iterations to the age of the operators than a rebuild and all that was lost before cost on the mean.
     WhenSlower,
     /// When a cell has turned by more than this since the last rebuild [rad]; every time for systems without rotations. Ten
     /// degrees keep cycles without conjugate gradients convergent (numerics 5.7).

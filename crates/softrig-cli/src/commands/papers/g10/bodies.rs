@@ -76,17 +76,19 @@ fn independent(name: &'static str, mesh: &VolumeMesh, bones: usize) -> PaperBody
     PaperBody { name, mesh, levels, kind: "independent tetrahedra that contain it", spine }
 }
 
+/// From a point to the bone that starts at a joint [m].
+fn distance_to_bone(joints: &[DVec3], bone: usize, x: &[f64; 3]) -> f64 {
+    let (a, b, x) = (joints[bone], joints[bone + 1], DVec3::from(*x));
+    let t = ((x - a).dot(b - a) / (b - a).length_squared()).clamp(0.0, 1.0);
+    x.distance(a + t * (b - a))
+}
+
 impl Spine {
     /// Nodes closer than `radius` to the chain are bound.
     fn new(mesh: &VolumeMesh, joints: Vec<DVec3>, radius: f64) -> Self {
         let along = (joints[joints.len() - 1] - joints[0]).normalize_or(DVec3::X);
         let bone_of = |x: &[f64; 3]| {
-            let x = DVec3::from(*x);
-            let distance = |k: usize| {
-                let (a, b) = (joints[k], joints[k + 1]);
-                let t = ((x - a).dot(b - a) / (b - a).length_squared()).clamp(0.0, 1.0);
-                x.distance(a + t * (b - a))
-            };
+            let distance = |k: usize| distance_to_bone(&joints, k, x);
             (0..joints.len() - 1)
                 .min_by(|a, b| distance(*a).total_cmp(&distance(*b)))
                 .filter(|k| distance(*k) <= radius)
@@ -111,12 +113,7 @@ impl Spine {
         }
         let joints: Vec<DVec3> = sum.iter().filter(|s| s.1 > 0.0).map(|s| s.0 / s.1).collect();
         let all = Self::new(mesh, joints.clone(), f64::INFINITY);
-        let distance = |(x, bone): (&[f64; 3], &Option<usize>)| {
-            let k = bone.unwrap_or(0);
-            let (a, b, x) = (joints[k], joints[k + 1], DVec3::from(*x));
-            let t = ((x - a).dot(b - a) / (b - a).length_squared()).clamp(0.0, 1.0);
-            x.distance(a + t * (b - a))
-        };
+        let distance = |(x, bone): (&[f64; 3], &Option<usize>)| distance_to_bone(&joints, bone.unwrap_or(0), x);
         let mean = mesh.nodes.iter().zip(&all.bone).map(distance).sum::<f64>() / mesh.node_count().max(1) as f64;
         Self::new(mesh, joints, mean / 3.0)
     }
@@ -154,11 +151,5 @@ pub fn flesh(body: &PaperBody, poisson_ratio: f64) -> Result<Body<f64>, Failure>
 pub fn system(body: &mut Body<f64>, dt: Option<f64>) -> BlockCsr<f64> {
     let rest = body.mesh.nodes.clone();
     body.model.linearise(&rest);
-    let mut matrix = BlockCsr::zero(body.pattern.clone());
-    body.model.stiffness(0.0, 0.0, &mut matrix);
-    for (n, m) in body.mass.iter().enumerate() {
-        let at = body.pattern.diagonal()[n] as usize;
-        (0..3).for_each(|k| matrix.values[at][4 * k] += dt.map_or(0.0, |dt| m / (dt * dt)));
-    }
-    matrix
+    body.system_matrix(dt.map_or(0.0, |dt| 1.0 / (dt * dt)))
 }
