@@ -4,7 +4,7 @@ use rapier3d::prelude::{SoftBodyBuilder, Vector};
 use softrig::mesh::VolumeMesh;
 
 /// Edge of a cube, five tetrahedra each [m].
-const CUBE: f32 = 0.025;
+pub const CUBE: f32 = 0.025;
 
 /// A box lying along x. The nodes on and next to its axis belong to a bone that fills four fifths of its length; the rest overhangs.
 pub struct FleshBox {
@@ -16,6 +16,8 @@ pub struct FleshBox {
     volume: Vec<f64>,
     /// Nodes of the bone.
     pub bone: Vec<u32>,
+    /// Where the bone begins and ends along the axis [m].
+    pub extent: [f32; 2],
     /// Nodes of the free end.
     pub tip: Vec<usize>,
 }
@@ -45,7 +47,8 @@ impl FleshBox {
             }
             volume.push(v.abs());
         }
-        Self { nodes, tets, volume, bone, tip }
+        let extent = [-half[0], -half[0] + CUBE * (layers - 1) as f32];
+        Self { nodes, tets, volume, bone, extent, tip }
     }
 
     /// The same as a softrig mesh.

@@ -7,6 +7,7 @@ mod boxes;
 mod own;
 mod rapier;
 mod scene;
+mod two_way;
 
 use boxes::FleshBox;
 use clap::Parser;
@@ -26,7 +27,10 @@ struct Arguments {
     /// How many iterations rapier's conjugate gradients may take.
     #[arg(long, default_value_t = 300)]
     cap: usize,
-    /// softrig's linear solver.
+    /// Bones that the flesh moves, instead of bones that stand still.
+    #[arg(long)]
+    two_way: bool,
+    /// softrig's linear solver; the default one with --two-way.
     #[arg(long, value_parser = solver, default_value = "multigrid")]
     solver: SolverKind,
     /// Cubes of five tetrahedra along x, y and z; can be given more than once.
@@ -49,6 +53,11 @@ fn main() -> Result<(), Box<dyn Error>> {
     let arguments = Arguments::parse();
     // one thread in both engines; rapier's own threads are a feature that is off
     rayon::ThreadPoolBuilder::new().num_threads(1).build_global()?;
+    if arguments.two_way {
+        println!("| tetrahedra | softrig [ms] | rapier3d [ms] | ratio | bound by softrig | attached in rapier3d |");
+        println!("|---|---|---|---|---|---|");
+        return arguments.cubes.iter().try_for_each(|c| compare_two_way(*c, &arguments));
+    }
     println!(
         "| tetrahedra | softrig [ms] | rapier3d [ms] | ratio | sag of softrig [mm] | of rapier3d [mm] | iterations of softrig |"
     );
@@ -75,18 +84,48 @@ fn compare(cubes: [usize; 3], arguments: &Arguments) -> Result<(), Box<dyn Error
         }
     }
     let counted = times[0].len();
-    let [(own_median, own_least), (peer_median, peer_least)] = times.map(|mut t| {
-        t.sort_by(f64::total_cmp);
-        (t[t.len() / 2], t[0])
-    });
+    let [own_times, peer_times] = times.map(statistics);
     println!(
-        "| {} | {own_median:.1}, {own_least:.1} | {peer_median:.1}, {peer_least:.1} | {:.2}, {:.2} | {:.2} | {:.2} | {:.1} |",
+        "| {} | {} | {:.2} | {:.2} | {:.1} |",
         flesh.tets.len(),
-        own_median / peer_median,
-        own_least / peer_least,
+        both(own_times, peer_times),
         1e3 * flesh.sag(|n| own.height(n)),
         1e3 * flesh.sag(|n| peer.height(n)),
         iterations as f64 / counted as f64,
     );
     Ok(())
+}
+
+/// The same with bones that move.
+fn compare_two_way(cubes: [usize; 3], arguments: &Arguments) -> Result<(), Box<dyn Error>> {
+    let flesh = FleshBox::new(cubes);
+    let mut own = two_way::TwoWayBox::new(&flesh, arguments.young_modulus)?;
+    let mut peer = rapier::Peer::two_way(&flesh, arguments.young_modulus, arguments.cap);
+    let mut times = [Vec::new(), Vec::new()];
+    for step in 0..arguments.steps.max(2) {
+        let start = Instant::now();
+        own.step()?;
+        let between = Instant::now();
+        peer.step();
+        if step > 0 {
+            times[0].push((between - start).as_secs_f64() * 1e3);
+            times[1].push(between.elapsed().as_secs_f64() * 1e3);
+        }
+    }
+    let [own_times, peer_times] = times.map(statistics);
+    let table = both(own_times, peer_times);
+    println!("| {} | {table} | {} | {} |", flesh.tets.len(), own.bound(), flesh.bone.len());
+    Ok(())
+}
+
+/// Median and minimum.
+fn statistics(mut times: Vec<f64>) -> [f64; 2] {
+    times.sort_by(f64::total_cmp);
+    [times[times.len() / 2], times[0]]
+}
+
+/// Columns of both engines' times and their ratio.
+fn both([own, own_least]: [f64; 2], [peer, peer_least]: [f64; 2]) -> String {
+    let (ratio, ratio_least) = (own / peer, own_least / peer_least);
+    format!("{own:.1}, {own_least:.1} | {peer:.1}, {peer_least:.1} | {ratio:.3}, {ratio_least:.3}")
 }

@@ -1,6 +1,6 @@
-//! The box in rapier3d: corotational cells, its finite element solver, the bone's particles pinned.
+//! The box in rapier3d: corotational cells, its finite element solver.
 
-use crate::boxes::FleshBox;
+use crate::boxes::{CUBE, FleshBox};
 use crate::scene;
 use rapier3d::prelude::*;
 
@@ -11,8 +11,38 @@ pub struct Peer {
 }
 
 impl Peer {
-    /// Nothing but the box: no collider, no substeps, no damping beside that of implicit Euler, one iteration of the contact solver.
+    /// The bone's particles pinned. Nothing but the box: no collider, no substeps, no damping beside that of implicit Euler, one iteration of the contact solver.
     pub fn new(flesh: &FleshBox, young_modulus: f64, cap: usize) -> Self {
+        Self::made(flesh, young_modulus, cap, flesh.bone.clone())
+    }
+
+    /// The bone's particles attached to two rigid bodies, which hang on each other and on the world by ball joints.
+    pub fn two_way(flesh: &FleshBox, young_modulus: f64, cap: usize) -> Self {
+        let mut peer = Self::made(flesh, young_modulus, cap, Vec::new());
+        let world = &mut peer.world;
+        let [start, end] = flesh.extent;
+        let half = 0.25 * (end - start);
+        let mut before = world.insert_body(RigidBodyBuilder::fixed().translation(Vector::new(start, 0.0, 0.0)));
+        let mut anchor = Vector::ZERO;
+        let bones = [start + half, start + 3.0 * half].map(|x| {
+            let shape = ColliderBuilder::cuboid(half, CUBE, CUBE).density(scene::DENSITY as f32);
+            let shape = shape.collision_groups(InteractionGroups::none());
+            let body = RigidBodyBuilder::dynamic().translation(Vector::new(x, 0.0, 0.0)).can_sleep(false);
+            let (bone, _) = world.insert(body, shape);
+            let joint = SphericalJointBuilder::new().local_anchor1(anchor).local_anchor2(Vector::new(-half, 0.0, 0.0));
+            world.insert_impulse_joint(before, bone, joint.contacts_enabled(false));
+            (before, anchor) = (bone, Vector::new(half, 0.0, 0.0));
+            bone
+        });
+        let middle = start + 2.0 * half;
+        for n in &flesh.bone {
+            let bone = bones[usize::from(flesh.nodes[*n as usize][0] > middle)];
+            world.soft_bodies[peer.body].attach_particle(*n as usize, bone, &world.bodies);
+        }
+        peer
+    }
+
+    fn made(flesh: &FleshBox, young_modulus: f64, cap: usize, pinned: Vec<u32>) -> Self {
         let positions = flesh.nodes.iter().map(|x| Vector::new(x[0], x[1], x[2])).collect();
         let material = SoftBodyMaterial {
             young_modulus: young_modulus as f32,
@@ -23,7 +53,7 @@ impl Peer {
         let mut builder = SoftBodyBuilder::new(positions)
             .cells(flesh.tets.clone())
             .masses(flesh.masses(scene::DENSITY))
-            .pinned_particles(flesh.bone.iter().copied())
+            .pinned_particles(pinned)
             .material(material);
         builder.cell_model = SoftBodyCellModel::Corotational;
         builder.solver = SoftBodySolver::Fem;

@@ -1,0 +1,108 @@
+//! The box in softrig with two bones that its flesh moves: the core of the box bound to them, ball joints between them and to the
+//! world.
+
+use crate::boxes::{CUBE, FleshBox};
+use crate::scene;
+use softrig::character::{Character, CharacterMesh, Skin, SkinWeights};
+use softrig::couple::{BindSettings, Binding, BoneRule};
+use softrig::integrate::Dynamics;
+use softrig::material::{Material, MaterialMap};
+use softrig::mesh::{boundary_faces, renumbered};
+use softrig::rig::{Affine, Joint, JointId, JointKind, JointSetup, RootKind, Skeleton, Transform};
+use softrig::simulation::{Coupling, FrameReport, RestMotion, Simulation, SimulationSettings, TwoWay, TwoWayScheme};
+use std::error::Error;
+use std::f64::consts::PI;
+
+/// A coupled simulation of the box.
+pub struct TwoWayBox {
+    simulation: Simulation<f64>,
+    character: Character,
+    frame: usize,
+}
+
+impl TwoWayBox {
+    /// Implicit Euler; free ball joints, the root pinned.
+    pub fn new(flesh: &FleshBox, young_modulus: f64) -> Result<Self, Box<dyn Error>> {
+        let character = character(flesh)?;
+        let (mesh, _) = renumbered(&flesh.mesh());
+        let core = BoneRule::Radius(1.5 * f64::from(CUBE));
+        let bones = ["near", "far"].map(|name| (name.to_owned(), core.clone())).to_vec();
+        let binding = Binding::new(&character, &mesh, &BindSettings { bones, ..BindSettings::default() })?;
+        let material = Material {
+            young_modulus,
+            poisson_ratio: scene::POISSON_RATIO,
+            density: scene::DENSITY,
+            mass_damping: 0.0,
+            stiffness_damping: 0.0,
+        };
+        let settings = SimulationSettings {
+            dynamics: Dynamics::Calm,
+            tolerance: scene::TOLERANCE,
+            preroll: 0.0,
+            longest_step: scene::STEP,
+            ..SimulationSettings::default()
+        };
+        let materials = MaterialMap::uniform(material);
+        let mut simulation = Simulation::new(&character, mesh, binding, &materials, settings)?;
+        let kind = JointKind::Ball { axis: [1.0, 0.0, 0.0], cone: PI, twist: [-PI, PI] };
+        let joint = JointSetup { kind, drive: 0.0, stiffness: 0.0, damping: 0.0 };
+        let joints = vec![joint; 2];
+        let two_way = TwoWay { scheme: TwoWayScheme::Monolithic, joints, root: RootKind::Pinned };
+        simulation.couple(&Coupling::TwoWay(two_way), Vec::new())?;
+        simulation.start(&RestMotion(&character.skeleton))?;
+        Ok(Self { simulation, character, frame: 0 })
+    }
+
+    /// One step.
+    pub fn step(&mut self) -> Result<FrameReport, Box<dyn Error>> {
+        self.frame += 1;
+        let time = self.frame as f64 * scene::STEP;
+        Ok(self.simulation.advance(&RestMotion(&self.character.skeleton), time)?)
+    }
+
+    /// How many nodes are bound.
+    pub fn bound(&self) -> usize {
+        self.simulation.binding.bound_count()
+    }
+}
+
+/// The surface of the box as a skin, and its two bones.
+fn character(flesh: &FleshBox) -> Result<Character, Box<dyn Error>> {
+    let mesh = flesh.mesh();
+    let faces = boundary_faces(&mesh).triangles;
+    let mut used: Vec<u32> = faces.iter().flatten().copied().collect();
+    used.sort_unstable();
+    used.dedup();
+    let place = |n: &u32| used.binary_search(n).map_or(0, |k| k as u32);
+    let positions: Vec<[f64; 3]> = used.iter().map(|n| mesh.nodes[*n as usize]).collect();
+    let [start, end] = flesh.extent.map(f64::from);
+    let middle = 0.5 * (start + end);
+    let mut weights = SkinWeights::default();
+    for x in &positions {
+        let far = (0.5 + 0.25 * (x[0] - middle) / f64::from(CUBE)).clamp(0.0, 1.0) as f32;
+        weights.push([(JointId(0), 1.0 - far), (JointId(1), far)]);
+    }
+    let joint = |name: &str, parent: Option<u32>, x: f64, world: f64| Joint {
+        name: name.into(),
+        parent: parent.map(JointId),
+        local: Transform { translation: [x, 0.0, 0.0], ..Transform::default() },
+        local_matrix: None,
+        rest: Affine::from_translation([world, 0.0, 0.0]),
+    };
+    let joints = vec![joint("near", None, start, start), joint("far", Some(0), middle - start, middle)];
+    Ok(Character {
+        name: "box".into(),
+        meshes: vec![CharacterMesh {
+            name: "skin".into(),
+            positions,
+            triangles: faces.iter().map(|t| [place(&t[0]), place(&t[1]), place(&t[2])]).collect(),
+            skin: Skin::Weighted(weights),
+            ..CharacterMesh::default()
+        }],
+        skeleton: Skeleton::new(joints, Affine::IDENTITY)?,
+        clips: Vec::new(),
+        looks: Vec::new(),
+        textures: Vec::new(),
+        notes: Vec::new(),
+    })
+}
