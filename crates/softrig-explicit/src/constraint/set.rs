@@ -186,6 +186,26 @@ impl Constraints {
         Ok(self.slot(id)?.active)
     }
 
+    /// Whether it is switched on, the steps of its ramp, and how many of them are done.
+    ///
+    /// # Errors
+    /// [`ConstraintError::Unknown`].
+    pub fn progress(&self, id: ConstraintId) -> Result<(bool, u32, u32), ConstraintError> {
+        let slot = self.slot(id)?;
+        Ok((slot.active, slot.ramp.0, slot.ramp.1))
+    }
+
+    /// Puts a ramp of so many steps to where so many of them are done.
+    ///
+    /// # Errors
+    /// [`ConstraintError::Unknown`].
+    pub fn set_progress(&mut self, id: ConstraintId, steps: u32, done: u32) -> Result<(), ConstraintError> {
+        self.ramp(id, steps)?;
+        let slot = self.slots[id.0 as usize].as_mut().expect("its ramp was set above");
+        slot.ramp.1 = done.min(steps);
+        Ok(())
+    }
+
     /// How many are switched on.
     #[must_use]
     pub fn active_count(&self) -> usize {

@@ -74,7 +74,7 @@ impl ModalIntegrator {
     ///
     /// # Panics
     /// When the state has another length than the body.
-    pub fn set_state<R: Scalar>(&mut self, body: &Body<R>, state: &State<R>) {
+    pub fn set_state<R: Scalar, S: Scalar>(&mut self, body: &Body<R>, state: &State<S>) {
         assert_eq!(state.position.len(), self.rest.len(), "one position per node");
         self.q.fill(0.0);
         self.rate.fill(0.0);
@@ -88,6 +88,13 @@ impl ModalIntegrator {
                 }
             }
         }
+    }
+
+    /// Elastic and kinetic energy of all modes [J].
+    #[must_use]
+    pub fn energies(&self) -> (f64, f64) {
+        let elastic = self.q.iter().zip(&self.modes.frequency).map(|(q, w)| 0.5 * (w * q).powi(2)).sum();
+        (elastic, self.rate.iter().map(|r| 0.5 * r * r).sum())
     }
 
     /// One step under the forces `external` [N]; writes positions [m] and velocities [m/s].
@@ -216,8 +223,7 @@ impl<R: Scalar> Integrator<R> for ModalIntegrator {
         output.guarded = false;
         output.reaction.clear();
         output.reaction.resize(n, [R::zero(); 3]);
-        output.elastic_energy = self.q.iter().zip(&self.modes.frequency).map(|(q, w)| 0.5 * (w * q).powi(2)).sum();
-        output.kinetic_energy = self.rate.iter().map(|r| 0.5 * r * r).sum();
+        (output.elastic_energy, output.kinetic_energy) = self.energies();
         Ok(())
     }
 }

@@ -6,7 +6,7 @@ use softrig::force::ElasticModel;
 use softrig::integrate::{Dynamics, Integrator, State, StepError, StepInput, StepOutput};
 use softrig::material::{Material, MaterialMap};
 use softrig::rig::{Affine, Joint, JointId, Pose, Skeleton, Transform};
-use softrig_explicit::elastic::Explicit;
+use softrig_explicit::explicit::Explicit;
 use softrig_explicit::sample::five_tets;
 use softrig_explicit::scheme::Scheme;
 use softrig_explicit::skeleton::{ForceForm, Reach, SkeletonConstraints, Twist, constraint_force, printed_force};

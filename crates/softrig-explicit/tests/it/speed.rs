@@ -101,7 +101,7 @@ fn speed_of_the_jelly_man() {
     let n = mesh.node_count();
     let body = Body::<f64>::new(mesh.clone(), &map, ElasticModel::Linear, DofConstraints::none(n)).unwrap();
     let mut internal = ElementWise::<f64>::new(&mesh, &map, Warping::Stiffness).unwrap();
-    internal.refresh = 4;
+    internal.refresh = 16;
     let mut law = ElasticLaw { internal, external: body.weight([0.0, -9.81, 0.0]), drag: body.drag.clone() };
     let free = bound.free_mass(&body.mass);
     let mut stepper = Stepper::new(Scheme::EulerCromer, &free, &mesh.nodes, &mut law, 1.0).unwrap();

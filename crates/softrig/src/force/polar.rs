@@ -80,6 +80,15 @@ pub fn polar_warm<S: Lane>(F: Mat3<S>, q: [S; 4]) -> ([S; 4], S) {
     (q, accepted)
 }
 
+/// One step from `q` towards the rotation of `F`, unchecked: for callers that step so often that cells turn by little between, and
+/// call [`polar`] now and then. What is left of an angle θ is of order θ³. Entries of `F` must be of order one.
+#[inline(always)]
+#[must_use]
+pub fn polar_step<S: Lane>(F: Mat3<S>, q: [S; 4]) -> [S; 4] {
+    let B = rotation(q).transpose() * F;
+    newton_step(B, gradient(B), q)
+}
+
 /// Gradient of −tr(Rᵀ F) in a rotation of R, from B = Rᵀ F.
 #[inline(always)]
 fn gradient<S: Lane>(B: Mat3<S>) -> Vec3<S> {

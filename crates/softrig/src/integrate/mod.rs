@@ -61,6 +61,8 @@ pub struct StepOutput<R> {
     /// Force needed to hold each prescribed node [N], zero on free nodes: `f_int` at the end of the step, no inertia, no
     /// damping [Georgii2010 eq. 1]. The flesh pulls on its bone with `external_force - reaction`.
     pub reaction: Vec<[R; 3]>,
+    /// Explicit steps it was cut into; 0 for implicit ones.
+    pub substeps: usize,
     /// Linear iterations of all solves of the step.
     pub iterations: usize,
     /// True residual of its last solve, relative to the right-hand side of the first [-].
@@ -112,10 +114,27 @@ pub enum StepError {
     Unsupported(String),
 }
 
+/// Where blended skinning has a node, and how it has turned the flesh there since the rest shape.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NodeFrame {
+    /// World position [m].
+    pub place: [f64; 3],
+    /// Unit quaternion (x, y, z, w).
+    pub turn: [f64; 4],
+}
+
 /// Advances a state by one step. On `Err` the state is unchanged.
 pub trait Integrator<R: Scalar>: Send {
     /// Name for reports.
     fn name(&self) -> &'static str;
+
+    /// Whether it computes deviations from skinning, and so wants [`Self::carry`] before every step.
+    fn is_carried(&self) -> bool {
+        false
+    }
+
+    /// Takes where skinning has every node at the start and at the end of the next step.
+    fn carry(&mut self, _before: &[NodeFrame], _after: &[NodeFrame]) {}
 
     /// One step from `state` to `state.time + input.dt`.
     ///

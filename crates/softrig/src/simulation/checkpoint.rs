@@ -94,6 +94,8 @@ impl<R: Scalar> Simulation<R> {
         self.solver.forget();
         self.last_move = Some(last_move).filter(|m| !m.is_nan());
         self.pose = motion.pose(time);
+        let drive = self.drive(&self.pose);
+        self.reset_frames(&drive);
         if let (Some(c), Some(moving)) = (&mut self.coupled, moving) {
             c.now = moving;
             c.stepper.forget();

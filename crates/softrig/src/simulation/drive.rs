@@ -2,6 +2,7 @@
 
 use crate::character::bone_map;
 use crate::couple::{Binding, BoneMotion, blend_point, blend_rotation};
+use crate::integrate::NodeFrame;
 use crate::rig::{Pose, Skeleton};
 use glam::{DQuat, DVec3};
 
@@ -35,6 +36,15 @@ impl Drive {
     /// Rotation of the flesh at node `n` since the rest shape.
     pub fn rotation(&self, binding: &Binding, n: usize) -> DQuat {
         DQuat::from_array(blend_rotation(&self.motions, binding.blend(n)))
+    }
+
+    /// Writes where blended skinning has every node of a body that rests at `rest` [m], and how it is turned there.
+    pub fn frames(&self, binding: &Binding, rest: &[[f64; 3]], out: &mut Vec<NodeFrame>) {
+        out.clear();
+        out.extend(rest.iter().enumerate().map(|(n, p)| NodeFrame {
+            place: self.node(binding, n, *p),
+            turn: blend_rotation(&self.motions, binding.blend(n)),
+        }));
     }
 
     /// Largest rotation of a bone from `self` to `next` [rad].

@@ -26,7 +26,7 @@ use crate::character::Character;
 use crate::couple::{BindError, Binding};
 use crate::force::ElasticModel;
 use crate::frame::Frame;
-use crate::integrate::{Dynamics, Implicit, Integrator, Scheme, State, StepError, StepInput, StepOutput};
+use crate::integrate::{Dynamics, Implicit, Integrator, NodeFrame, Scheme, State, StepError, StepInput, StepOutput};
 use crate::material::MaterialMap;
 use crate::mesh::{self, VolumeMesh};
 use crate::rig::{Pose, Skeleton, Transform};
@@ -66,6 +66,8 @@ pub struct Simulation<R> {
     /// How it is computed.
     pub settings: SimulationSettings,
     integrator: Box<dyn Integrator<R>>,
+    /// The integrator also settles the flesh; otherwise implicit Euler does.
+    settles_itself: bool,
     solver: Box<dyn LinearSolver<R>>,
     skin: SkinCarrier,
     height: f64,
@@ -101,6 +103,8 @@ struct Scratch<R> {
     target_velocity: Vec<[R; 3]>,
     external_force: Vec<[R; 3]>,
     nodes: Vec<[f64; 3]>,
+    /// Where skinning has the nodes now and at the end of the step, for integrators that want it.
+    frames: [Vec<NodeFrame>; 2],
 }
 
 fn cast<R: Scalar>(v: [f64; 3]) -> [R; 3] {
@@ -140,6 +144,7 @@ impl<R: Scalar> Simulation<R> {
             skeleton: character.skeleton.clone(),
             height: character.height(),
             integrator: settings.dynamics.integrator(),
+            settles_itself: false,
             solver,
             skin,
             pose,
@@ -153,6 +158,7 @@ impl<R: Scalar> Simulation<R> {
                 target_velocity: zero.clone(),
                 external_force: zero,
                 nodes: body.mesh.nodes.clone(),
+                frames: [Vec::new(), Vec::new()],
             },
             state: State::at_rest(rest),
             body,
@@ -181,6 +187,7 @@ impl<R: Scalar> Simulation<R> {
         let placed = self.placed(&drive);
         self.body.model.restore(&[]);
         self.state = State::at_rest(placed.iter().map(|p| cast(*p)).collect());
+        self.reset_frames(&drive);
         let mut report = FrameReport::default();
         match self.settle(&drive, &mut report) {
             Ok(()) => {
@@ -204,15 +211,34 @@ impl<R: Scalar> Simulation<R> {
     /// Puts every node where blended skinning has it at `time`, at rest: what the flesh looks like without physics.
     pub fn place(&mut self, motion: &dyn Motion, time: f64) {
         self.pose = motion.pose(time);
-        let placed = self.placed(&self.drive(&self.pose));
+        let drive = self.drive(&self.pose);
+        self.reset_frames(&drive);
+        let placed = self.placed(&drive);
         self.state = State { time, ..State::at_rest(placed.iter().map(|p| cast(*p)).collect()) };
         self.body.model.restore(&[]);
         self.last_move = None;
     }
 
+    /// Puts another method in the place of the implicit ones. It also settles the flesh, in short steps that lose a part of their speed.
+    /// Call [`Self::start`] or [`Self::place`] before advancing.
+    pub fn set_integrator(&mut self, integrator: Box<dyn Integrator<R>>) {
+        self.integrator = integrator;
+        self.settles_itself = true;
+    }
+
+    /// Where skinning has the nodes now.
+    fn reset_frames(&mut self, drive: &Drive) {
+        if self.integrator.is_carried() {
+            drive.frames(&self.binding, &self.body.mesh.nodes, &mut self.scratch.frames[0]);
+        }
+    }
+
     /// Settling: implicit Euler with long steps from rest each time, so that what remains is the balance, not a swing.
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a step count, bounded by the settings")]
     fn settle(&mut self, drive: &Drive, report: &mut FrameReport) -> Result<(), StepError> {
+        if self.settles_itself {
+            return self.settle_slowly(drive, report);
+        }
         let steps = (self.settings.preroll / SETTLE_STEP).ceil().clamp(0.0, 1e4) as usize;
         let mut euler = Implicit::new(Scheme::ImplicitEuler, 1);
         for _ in 0..steps {
@@ -220,6 +246,19 @@ impl<R: Scalar> Simulation<R> {
                 v.iter_mut().for_each(|v| *v = [R::zero(); 3]);
             }
             self.step(drive, SETTLE_STEP, Some(&mut euler), report)?;
+        }
+        Ok(())
+    }
+
+    /// Settling by the integrator itself.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a step count, bounded by the settings")]
+    fn settle_slowly(&mut self, drive: &Drive, report: &mut FrameReport) -> Result<(), StepError> {
+        let dt = self.settings.longest_step;
+        let steps = (self.settings.preroll / dt).ceil().clamp(0.0, 1e5) as usize;
+        for _ in 0..steps {
+            self.step(drive, dt, None, report)?;
+            let kept = R::from_f64(SETTLE_KEPT.powf(60.0 * dt));
+            self.state.velocity.iter_mut().for_each(|v| *v = v.map(|v| kept * v));
         }
         Ok(())
     }
@@ -313,6 +352,8 @@ impl<R: Scalar> Simulation<R> {
     fn go_back(&mut self) {
         std::mem::swap(&mut self.state, &mut self.scratch.before);
         self.body.model.restore(&self.scratch.history);
+        let drive = self.drive(&self.pose);
+        self.reset_frames(&drive);
     }
 
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to a small range before")]
@@ -335,6 +376,7 @@ impl<R: Scalar> Simulation<R> {
             placed.push(b);
         }
         self.body.model.restore(&[]);
+        self.reset_frames(to);
         self.move_with_bones(&placed, next, START_LOOK);
     }
 
@@ -356,7 +398,17 @@ impl<R: Scalar> Simulation<R> {
     ) -> Result<(), StepError> {
         self.set_targets(drive, dt);
         self.external_force(drive);
-        self.integrate(dt, integrator, report)
+        let carried = integrator.is_none() && self.integrator.is_carried();
+        if carried {
+            let [now, next] = &mut self.scratch.frames;
+            drive.frames(&self.binding, &self.body.mesh.nodes, next);
+            self.integrator.carry(now, next);
+        }
+        self.integrate(dt, integrator, report)?;
+        if carried {
+            self.scratch.frames.swap(0, 1);
+        }
+        Ok(())
     }
 
     /// Where bound nodes are at the end of a step, and how fast they get there.
@@ -470,6 +522,9 @@ impl<R: Scalar> Simulation<R> {
 
 /// Step of the settling [s]: long against the slowest swing of flesh, so that a handful of steps finds the balance.
 const SETTLE_STEP: f64 = 0.05;
+/// Part of its speed that flesh keeps per 1/60 s where its own method settles it [-]: drag of 13 /s, about critical for what swings
+/// twice a second.
+const SETTLE_KEPT: f64 = 0.8;
 /// Over what time the speed of the bones at the start is measured [s].
 const START_LOOK: f64 = 1.0 / 240.0;
 /// A bone may turn this much in one step [rad]: a third of a right angle, which the rotations of cells follow safely.

@@ -114,6 +114,8 @@ impl Default for SimulationSettings {
 pub struct FrameReport {
     /// Time steps of the frame.
     pub substeps: usize,
+    /// Explicit steps they were cut into; 0 for implicit methods.
+    pub explicit_steps: usize,
     /// Linear iterations of all its solves.
     pub iterations: usize,
     /// Largest true relative residual [-].
@@ -128,6 +130,7 @@ pub struct FrameReport {
 
 impl FrameReport {
     pub(super) fn add_step<R>(&mut self, step: &StepOutput<R>) {
+        self.explicit_steps += step.substeps;
         self.iterations += step.iterations;
         self.residual = self.residual.max(step.residual);
         self.unconverged_steps += usize::from(!step.converged);

@@ -57,10 +57,10 @@ pub fn run(job: &Job, results: &Results) -> Outcome {
     let rest = &body.mesh.nodes;
     let steps = if job.quick { 20 } else { 1000 };
     let rounds = if job.quick { 1 } else { 5 };
-    // held exactly; rotations of every step, and of every fourth
+    // held exactly; rotations to rounding in every step, and in every sixteenth
     let mut ends = Vec::new();
     let mut rows = Vec::new();
-    for refresh in [1, 4] {
+    for refresh in [1, 16] {
         let mut law = law(refresh)?;
         let made = Stepper::new(Scheme::EulerCromer, &bound.free_mass(&body.mass), rest, &mut law, m.mass_damping);
         let mut stepper = made.map_err(|e| failed(&e))?;
@@ -84,7 +84,7 @@ pub fn run(job: &Job, results: &Results) -> Outcome {
         times.sort_by(f64::total_cmp);
         let miss = bound.largest_miss(&scratch, &state.position);
         rows.push(vec![
-            format!("exact; rotations every {refresh} steps"),
+            format!("exact; rotations to rounding every {refresh} steps"),
             steps.to_string(),
             format!("{:.4}", times[times.len() / 2]),
             format!("{:.4}", times[0]),
@@ -95,7 +95,7 @@ pub fn run(job: &Job, results: &Results) -> Outcome {
     }
     // held by the forces of eq. 9, with and without the centripetal part
     for form in [ForceForm::Complete, ForceForm::Printed] {
-        let mut law = law(4)?;
+        let mut law = law(16)?;
         let made = Stepper::new(Scheme::EulerCromer, &bound.free_mass(&body.mass), rest, &mut law, m.mass_damping);
         let mut lead = made.map_err(|e| failed(&e))?;
         let made = Stepper::new(Scheme::EulerCromer, &body.mass, rest, &mut law, m.mass_damping);
