@@ -38,6 +38,10 @@ pub struct BakeReport {
     pub skin_vertices: usize,
     /// Height of the character in its rest shape [m].
     pub height_m: f64,
+    /// What computed the flesh.
+    pub method: String,
+    /// Explicit steps that the steps were cut into; 0 for `implicit`.
+    pub explicit_steps: usize,
     /// Linear solver.
     pub solver: String,
     /// How time passed.

@@ -1,7 +1,7 @@
 //! Arguments of `softrig bake`, and the groups of them that other commands share.
 
 use super::values::{
-    DynamicsName, FrameRange, KindName, Precision, SolverName, UpAxis, at_least_one, not_negative, positive,
+    DynamicsName, FrameRange, KindName, MethodName, Precision, SolverName, StepName, TooLongName, UpAxis, at_least_one, not_negative, positive,
     preset_named,
 };
 use crate::scene::RootName;
@@ -71,6 +71,21 @@ pub struct BakeArgs {
     /// Material of the flesh: fat, flesh, muscle, skin, cartilage or rubber [default: flesh]
     #[arg(long, value_name = "NAME", value_parser = preset_named, help_heading = "Physics")]
     pub preset: Option<MaterialPreset>,
+    /// What computes the flesh [default: implicit]
+    #[arg(long, value_name = "NAME", help_heading = "Physics")]
+    pub method: Option<MethodName>,
+    /// How the steps of an explicit method are taken [default: verlet]
+    #[arg(long, value_name = "NAME", help_heading = "Physics")]
+    pub scheme: Option<StepName>,
+    /// Longest time step in seconds [default: 1/60]; explicit methods cut it to what is stable
+    #[arg(long, value_name = "S", value_parser = positive, allow_negative_numbers = true, help_heading = "Physics")]
+    pub step: Option<f64>,
+    /// What happens to explicit steps longer than is stable [default: substep]
+    #[arg(long, value_name = "WHAT", help_heading = "Physics")]
+    pub too_long: Option<TooLongName>,
+    /// Modes of the method `modal` [default: 30]
+    #[arg(long, value_name = "N", value_parser = at_least_one, allow_negative_numbers = true, help_heading = "Physics")]
+    pub modes: Option<usize>,
     /// How time passes: `lively` swings, `calm` damps, `paper` is the literal scheme of Georgii et al. [default: lively]
     #[arg(long, value_name = "NAME", help_heading = "Physics")]
     pub dynamics: Option<DynamicsName>,

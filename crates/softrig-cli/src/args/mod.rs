@@ -5,7 +5,8 @@ mod values;
 
 pub use bake::{BakeArgs, BodyArgs, ImportArgs};
 pub use values::{
-    DynamicsName, FrameRange, KindName, PaperName, PictureSize, Precision, SolverName, Stress, UpAxis, preset_named,
+    DynamicsName, FrameRange, KindName, MethodName, PaperName, PictureSize, Precision, SolverName, StepName, Stress,
+    TooLongName, UpAxis, preset_named,
 };
 
 use clap::{Args, Parser, Subcommand};

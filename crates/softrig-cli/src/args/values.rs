@@ -43,6 +43,91 @@ pub enum DynamicsName {
     Paper,
 }
 
+/// What computes the flesh.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum MethodName {
+    /// Implicit steps with a linear system: any stiffness, long steps.
+    #[default]
+    Implicit,
+    /// Explicit steps, forces cell by cell.
+    Elements,
+    /// Explicit steps, linear forces by precomputed rows, as deviations from skinning.
+    Clustered,
+    /// The lowest modes, as deviations from skinning: least work.
+    Modal,
+    /// Explicit steps of masses that keep distances and volumes; needs tetrahedra.
+    MassPoints,
+}
+
+impl MethodName {
+    /// Name in files and reports.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Implicit => "implicit",
+            Self::Elements => "elements",
+            Self::Clustered => "clustered",
+            Self::Modal => "modal",
+            Self::MassPoints => "mass-points",
+        }
+    }
+}
+
+/// How an explicit step is taken.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum StepName {
+    /// Order 1, damps nothing it should not, gains energy without damping.
+    ExplicitEuler,
+    /// Order 1, keeps energy bounded.
+    EulerCromer,
+    /// Order 2, two forces a step.
+    Midpoint,
+    /// Order 2, two forces a step.
+    #[value(name = "runge-kutta-2")]
+    #[serde(rename = "runge-kutta-2")]
+    RungeKutta2,
+    /// Order 2, keeps energy bounded, one force a step.
+    #[default]
+    Verlet,
+    /// Order 1, damps, needs a solve; only for objects.
+    ImplicitEuler,
+}
+
+impl From<StepName> for softrig_explicit::scheme::Scheme {
+    fn from(name: StepName) -> Self {
+        match name {
+            StepName::ExplicitEuler => Self::ExplicitEuler,
+            StepName::EulerCromer => Self::EulerCromer,
+            StepName::Midpoint => Self::Midpoint,
+            StepName::RungeKutta2 => Self::RungeKutta2,
+            StepName::Verlet => Self::Verlet,
+            StepName::ImplicitEuler => Self::ImplicitEuler,
+        }
+    }
+}
+
+/// What happens to explicit steps that are longer than is stable.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum TooLongName {
+    /// They are cut into equal ones that are short enough.
+    #[default]
+    Substep,
+    /// The bake stops and says the limit.
+    Refuse,
+}
+
+impl From<TooLongName> for softrig_explicit::stepper::TooLong {
+    fn from(name: TooLongName) -> Self {
+        match name {
+            TooLongName::Substep => Self::Substep,
+            TooLongName::Refuse => Self::Refuse,
+        }
+    }
+}
+
 /// Linear solver.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]

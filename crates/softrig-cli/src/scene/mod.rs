@@ -3,6 +3,7 @@
 
 mod coupling;
 mod multigrid;
+mod object;
 mod overrides;
 mod read;
 mod rigid;
@@ -10,20 +11,22 @@ mod template;
 
 pub use coupling::{Chosen, Coupling, Event, Joint, JointName, RootName, SchemeName};
 pub use multigrid::{Multigrid, SmootherName};
+pub use object::{ConstraintKind, Object, SceneConstraint, SceneEnergies};
 pub use read::{SceneError, is_bvh, parse, read};
 pub use template::template;
 
-use crate::args::{DynamicsName, FrameRange, KindName, Precision, SolverName, UpAxis};
+use crate::args::{DynamicsName, FrameRange, KindName, MethodName, Precision, SolverName, StepName, TooLongName, UpAxis};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use softrig::material::{Material, MaterialPreset};
 use std::path::PathBuf;
 
-/// A scene: one character and how to bake it. Everything but `character` has a default.
+/// A scene: one character and how to bake it, or objects without bones. Everything but `character`, or one `[[object]]`, has a default.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Scene {
-    /// Character file, relative to this scene file.
+    /// Character file, relative to this scene file. Scenes of objects have none.
+    #[serde(default)]
     pub character: PathBuf,
     /// How to read the character.
     #[serde(default)]
@@ -61,6 +64,15 @@ pub struct Scene {
     /// What happens to the character: drags, pulls, pins, wind. Baked again, it happens again exactly.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub event: Vec<Event>,
+    /// Bodies without bones, instead of a character.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub object: Vec<Object>,
+    /// What holds objects, and when.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub constraint: Vec<SceneConstraint>,
+    /// What objects of mass points resist with. Without it: about what the material does.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub energies: Option<SceneEnergies>,
 }
 
 /// How to read the character. `height` and `unit` exclude each other; without either the unit is guessed and said.
@@ -95,6 +107,9 @@ pub struct Motion {
     pub frames: Option<FrameRange>,
     /// Plays the clip this many times as fast [-].
     pub speed: f64,
+    /// How long a scene of objects lasts [s]. Without it: 1.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub duration: Option<f64>,
     /// Time in which the flesh settles before the first frame [s].
     pub preroll: f64,
     /// Whether gravity bends the bind shape. `false` takes that shape as already in balance.
@@ -104,7 +119,7 @@ pub struct Motion {
 impl Default for Motion {
     fn default() -> Self {
         // 30 frames per second is what most game and web clips are sampled at
-        Self { clip: None, names: Vec::new(), fps: 30.0, frames: None, speed: 1.0, preroll: 0.5, sag: true }
+        Self { clip: None, names: Vec::new(), fps: 30.0, frames: None, speed: 1.0, duration: None, preroll: 0.5, sag: true }
     }
 }
 
@@ -130,7 +145,18 @@ pub const DEFAULT_CELLS: usize = 8000;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Simulation {
-    /// How time passes.
+    /// What computes the flesh.
+    pub method: MethodName,
+    /// How the steps of explicit methods are taken.
+    pub scheme: StepName,
+    /// What happens to explicit steps longer than is stable.
+    pub too_long: TooLongName,
+    /// Longest time step [s]. Without it: 1/60.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub step: Option<f64>,
+    /// Modes of the method `modal`.
+    pub modes: usize,
+    /// How time passes in implicit steps.
     pub dynamics: DynamicsName,
     /// Linear solver.
     pub solver: SolverName,
@@ -147,6 +173,12 @@ pub struct Simulation {
 impl Default for Simulation {
     fn default() -> Self {
         Self {
+            method: MethodName::default(),
+            scheme: StepName::default(),
+            too_long: TooLongName::default(),
+            step: None,
+            // as in the table of [Tang2009]
+            modes: 30,
             dynamics: DynamicsName::default(),
             solver: SolverName::default(),
             // a bake is kept: smaller changes nothing that can be seen, and resumed bakes stay comparable

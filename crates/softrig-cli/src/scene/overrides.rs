@@ -16,6 +16,11 @@ impl Scene {
         m.frames = args.frames.or(m.frames);
         m.sag &= !args.no_sag;
         let s = &mut self.simulation;
+        set(&mut s.method, args.method);
+        set(&mut s.scheme, args.scheme);
+        set(&mut s.too_long, args.too_long);
+        set(&mut s.modes, args.modes);
+        s.step = args.step.or(s.step);
         set(&mut s.dynamics, args.dynamics);
         set(&mut s.solver, args.solver);
         set(&mut s.tolerance, args.tolerance);

@@ -1,6 +1,7 @@
 //! Reading a scene file, and refusing one that makes no sense with the place and what to change.
 
 use super::Scene;
+use crate::args::MethodName;
 use softrig::material::Material;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -62,8 +63,8 @@ pub fn read(path: &Path) -> Result<Scene, SceneError> {
     let mut scene = parse(text)?;
     let folder = path.parent().unwrap_or(Path::new(""));
     let beside = folder.join(&scene.character);
-    // the built-in character lies nowhere
-    if scene.character != Path::new(crate::load::SAMPLE) || beside.exists() {
+    // the built-in character lies nowhere, nor do objects
+    if !scene.has_objects() && (scene.character != Path::new(crate::load::SAMPLE) || beside.exists()) {
         scene.character = beside;
     }
     if let Some(clip) = &mut scene.motion.clip
@@ -108,11 +109,12 @@ impl Scene {
     /// # Errors
     /// The first [`SceneError`] found, in the order of the file.
     pub fn check(&self) -> Result<(), SceneError> {
-        if self.character == PathBuf::new() {
+        self.check_objects()?;
+        if self.character == PathBuf::new() && !self.has_objects() {
             return Err(SceneError::Value {
                 key: "character".into(),
                 value: "empty".into(),
-                expected: "it must name a character file",
+                expected: "it must name a character file, or there must be an [[object]]",
             });
         }
         let positive = |key: &str, v: Option<f64>| within(key, v, f64::MIN_POSITIVE..=1e6, "it must be above 0");
@@ -129,6 +131,8 @@ impl Scene {
         positive("body.spacing", self.body.spacing)?;
         let s = &self.simulation;
         within("simulation.tolerance", Some(s.tolerance), 1e-14..=0.5, "it must be between 1e-14 and 0.5")?;
+        within("simulation.step", s.step, 1e-9..=1.0, "it must be between 1e-9 and 1 second")?;
+        within("simulation.modes", Some(s.modes as f64), 1.0..=10_000.0, "it must be between 1 and 10000")?;
         for (axis, g) in ["x", "y", "z"].iter().zip(s.gravity) {
             let key = format!("simulation.gravity ({axis})");
             within(&key, Some(g), -1e4..=1e4, "it must be between -10000 and 10000 m/s2")?;
@@ -161,6 +165,14 @@ impl Scene {
         }
         for (i, event) in self.event.iter().enumerate() {
             event.check(i)?;
+        }
+        if s.method != MethodName::Implicit && (self.coupling.two_way || !self.event.is_empty()) {
+            let what = if self.coupling.two_way { "two_way = true under [coupling]" } else { "[[event]]" };
+            let text = format!(
+                "unsupported: {what} with the method `{}`; only `implicit` computes it: leave one of them out",
+                s.method.name()
+            );
+            return Err(SceneError::Conflict(text));
         }
         Ok(())
     }

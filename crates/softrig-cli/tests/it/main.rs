@@ -7,6 +7,7 @@ mod characters;
 mod disk;
 mod docs;
 mod journal;
+mod methods;
 mod papers;
 mod real;
 mod shared;

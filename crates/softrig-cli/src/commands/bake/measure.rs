@@ -27,6 +27,8 @@ pub struct Measures {
     cell_volume: (f64, f64),
     inverted_cells_max: usize,
     #[serde(default)]
+    explicit_steps: usize,
+    #[serde(default)]
     limit_violation_max: f64,
     /// Force and torque of each joint, frame by frame, where they are asked for.
     #[serde(default)]
@@ -52,6 +54,7 @@ impl Default for Measures {
             volume: (f64::INFINITY, f64::NEG_INFINITY),
             cell_volume: (f64::INFINITY, f64::NEG_INFINITY),
             inverted_cells_max: 0,
+            explicit_steps: 0,
             limit_violation_max: 0.0,
             reactions: Vec::new(),
             crushed_bone: None,
@@ -69,6 +72,7 @@ impl Measures {
         if let Some(took) = took {
             self.steps += report.substeps;
             self.substeps += report.substeps.saturating_sub(1);
+            self.explicit_steps += report.explicit_steps;
             self.iterations += report.iterations;
             self.frames.push((1e3 * took.as_secs_f64(), report.substeps));
         }
@@ -167,6 +171,7 @@ impl Measures {
     pub fn report(&self, report: &mut BakeReport) {
         report.steps = self.steps;
         report.substeps = self.substeps;
+        report.explicit_steps = self.explicit_steps;
         report.guarded_steps = self.guarded_steps;
         report.unconverged_steps = self.unconverged_steps;
         report.teleports = self.teleports;

@@ -1,6 +1,7 @@
 //! `softrig bake`: a character and a clip go in, moving flesh comes out.
 
 mod measure;
+mod method;
 mod output;
 mod prepare;
 mod resume;
@@ -65,6 +66,7 @@ pub fn run(args: &BakeArgs) -> Outcome {
     if let Some(path) = &args.skeleton {
         skeleton::check(path, &scene)?;
     }
+    method::check_sides(&scene, args)?;
     let prepared = Prepared::new(&scene, character)?;
     let mut reports = Vec::new();
     let mut forces = args.forces.as_ref().map(|_| output::Forces::new(clips.len() > 1));

@@ -6,7 +6,7 @@ use super::prepare::Prepared;
 use super::resume::{self, Snapshot};
 use super::skeleton::{Reactions, write_skeleton};
 use super::stiffen::Stiffened;
-use crate::args::Precision;
+use crate::args::{MethodName, Precision};
 use crate::failure::Failure;
 use crate::interrupt::{self, Graceful};
 use crate::report::{BakeReport, peak_rss_mib};
@@ -103,7 +103,9 @@ fn bake<R: Scalar>(
     let from = Window { offset: range.start as f64 / fps, motion };
 
     let duration = count.saturating_sub(1) as f64 / fps;
-    let stiffened = Stiffened::new(prepared, scene.simulation.stiffen, &from, duration);
+    // mass points have one stiffness
+    let stiffen = scene.simulation.stiffen && scene.simulation.method != MethodName::MassPoints;
+    let stiffened = Stiffened::new(prepared, stiffen, &from, duration);
     let mut simulation = Simulation::<R>::new(
         &prepared.character,
         prepared.volume.clone(),
@@ -112,6 +114,7 @@ fn bake<R: Scalar>(
         prepared.settings.clone(),
     )
     .map_err(|e| Failure::reading(&scene.character, &e))?;
+    super::method::choose(scene, &stiffened.materials, &mut simulation)?;
     let chosen = scene
         .chosen_coupling(&prepared.character, &prepared.binding, job.clip)
         .map_err(|e| Failure::Input(format!("{}: {e}", scene.character.display())))?;
@@ -191,8 +194,9 @@ fn bake<R: Scalar>(
         parts: components(&prepared.volume).count,
         skin_vertices: prepared.character.vertex_count(),
         height_m: prepared.character.height(),
-        solver: prepared.settings.solver.name().into(),
-        dynamics: prepared.settings.dynamics.name().into(),
+        method: scene.simulation.method.name().into(),
+        solver: super::method::solver(scene, &prepared.settings).into(),
+        dynamics: super::method::dynamics(scene, &prepared.settings).into(),
         precision: R::NAME.into(),
         threads: rayon::current_num_threads(),
         stiffened_max: stiffened.factor,
