@@ -5,6 +5,7 @@
 
 mod cache;
 mod cache_reader;
+mod colors;
 mod glb;
 mod glb_file;
 mod normals;
@@ -18,6 +19,7 @@ mod usda;
 mod vtu;
 
 pub use cache_reader::{CacheError, PointCache};
+pub use colors::FleshField;
 pub(crate) use output::temporary_beside;
 pub use skeleton::{clip_of_poses, gltf_with_clip};
 
@@ -90,11 +92,13 @@ pub struct ExportOptions {
     /// Fitting error of morph targets that counts as good, as a share of the character's height [-]. Default 1e-3: 1.7 mm on
     /// a person.
     pub morph_tolerance: f64,
+    /// Colours of the skin's vertices, for OBJ and PLY series; needs a journal that keeps the volume mesh.
+    pub colors: Option<FleshField>,
 }
 
 impl Default for ExportOptions {
     fn default() -> Self {
-        Self { existing: Existing::Refuse, morphs: 64, morph_tolerance: 1e-3 }
+        Self { existing: Existing::Refuse, morphs: 64, morph_tolerance: 1e-3, colors: None }
     }
 }
 
@@ -220,6 +224,11 @@ pub fn write<S: Read + Seek>(
     }
     if options.existing == Existing::Refuse && out.symlink_metadata().is_ok() {
         return Err(ExportError::Exists { file: out.to_owned() });
+    }
+    if options.colors.is_some() && !matches!(format, Format::ObjSeries | Format::PlySeries) {
+        let instead = "name a folder, for an OBJ or PLY series; .vtu has stress and strain of every cell in any case";
+        let what = String::from("colours that change from frame to frame in this format");
+        return Err(ExportError::Unsupported { what, instead: instead.into() });
     }
     match format {
         Format::Pc2 | Format::Mdd => cache::write(journal, character, format, out, options),

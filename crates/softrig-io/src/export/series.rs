@@ -1,5 +1,7 @@
-//! One OBJ or PLY file for each frame, in a folder; in the units and axes of the character's file, in its world.
+//! One OBJ or PLY file for each frame, in a folder; in the units and axes of the character's file, in its world. Colours of vertices, where they
+//! are wanted, follow their positions: three numbers from 0 to 1 in OBJ files, three bytes and the value itself in PLY files.
 
+use super::colors::Painter;
 use super::output::{Folder, frame_name, png};
 use super::space::{file_space, map_points};
 use super::{ExportError, ExportOptions, ExportReport, Format};
@@ -34,6 +36,7 @@ pub(super) fn write<S: Read + Seek>(
             create(&format!("texture_{i}.png"), &mut |w| w.write_all(&bytes))?;
         }
     }
+    let painter = options.colors.map(|field| Painter::new(journal, character, field)).transpose()?;
     let map = file_space(character);
     let mut frame = JournalFrame::default();
     let mut local: Vec<Vec<[f32; 3]>> = vec![Vec::new(); character.meshes.len()];
@@ -44,7 +47,12 @@ pub(super) fn write<S: Read + Seek>(
             map_points(&map, skin, out);
         }
         let name = frame_name(t, frames, ending);
-        create(&name, &mut |w| if ending == "ply" { ply(w, character, &local) } else { obj(w, character, &local) })?;
+        let values = painter.as_ref().map(|p| (p, p.values(&frame)));
+        let paint = values.as_ref().map(|(p, v)| (*p, &v[..]));
+        create(&name, &mut |w| match ending {
+            "ply" => ply(w, character, &local, paint),
+            _ => obj(w, character, &local, paint),
+        })?;
         report.files.push(folder.final_path(&name));
     }
     folder.finish(options.existing)?;
@@ -62,15 +70,24 @@ fn materials(w: &mut impl Write, character: &Character) -> io::Result<()> {
     Ok(())
 }
 
-fn obj(w: &mut impl Write, character: &Character, points: &[Vec<[f32; 3]>]) -> io::Result<()> {
+/// Colours, and the values behind them, of the vertices of each mesh.
+type Paint<'a> = Option<(&'a Painter, &'a [Vec<f64>])>;
+
+fn obj(w: &mut impl Write, character: &Character, points: &[Vec<[f32; 3]>], paint: Paint<'_>) -> io::Result<()> {
     writeln!(w, "mtllib materials.mtl")?;
     // OBJ counts from 1, over all objects
     let (mut base, mut uv_base) = (1, 1);
-    for (mesh, points) in character.meshes.iter().zip(points) {
+    for (i, (mesh, points)) in character.meshes.iter().zip(points).enumerate() {
         let name: String = mesh.name.chars().map(|c| if c.is_control() { '_' } else { c }).collect();
         writeln!(w, "o {name}")?;
-        for [x, y, z] in points {
-            writeln!(w, "v {x} {y} {z}")?;
+        for (k, [x, y, z]) in points.iter().enumerate() {
+            match paint {
+                Some((painter, values)) => {
+                    let [r, g, b] = painter.color(values[i][k]);
+                    writeln!(w, "v {x} {y} {z} {r:.4} {g:.4} {b:.4}")?;
+                }
+                None => writeln!(w, "v {x} {y} {z}")?,
+            }
         }
         let uv = mesh.texture_coordinates.len() == points.len();
         for [u, v] in mesh.texture_coordinates.iter().filter(|_| uv) {
@@ -96,14 +113,27 @@ fn obj(w: &mut impl Write, character: &Character, points: &[Vec<[f32; 3]>]) -> i
     Ok(())
 }
 
-fn ply(w: &mut impl Write, character: &Character, points: &[Vec<[f32; 3]>]) -> io::Result<()> {
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "colours are from 0 to 1")]
+fn ply(w: &mut impl Write, character: &Character, points: &[Vec<[f32; 3]>], paint: Paint<'_>) -> io::Result<()> {
     let vertices: usize = points.iter().map(Vec::len).sum();
     let faces: usize = character.meshes.iter().map(|m| m.triangles.len()).sum();
     writeln!(w, "ply\nformat binary_little_endian 1.0\nelement vertex {vertices}")?;
     writeln!(w, "property float x\nproperty float y\nproperty float z")?;
+    if let Some((painter, _)) = paint {
+        writeln!(w, "property uchar red\nproperty uchar green\nproperty uchar blue")?;
+        writeln!(w, "property float {}", painter.field.name())?;
+    }
     writeln!(w, "element face {faces}\nproperty list uchar int vertex_indices\nend_header")?;
-    for v in points.iter().flatten().flatten() {
-        w.write_all(&v.to_le_bytes())?;
+    for (i, points) in points.iter().enumerate() {
+        for (k, point) in points.iter().enumerate() {
+            for v in point {
+                w.write_all(&v.to_le_bytes())?;
+            }
+            if let Some((painter, values)) = paint {
+                w.write_all(&painter.color(values[i][k]).map(|c| (255.0 * c).round() as u8))?;
+                w.write_all(&(values[i][k] as f32).to_le_bytes())?;
+            }
+        }
     }
     let mut base = 0;
     for mesh in &character.meshes {

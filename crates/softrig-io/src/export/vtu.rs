@@ -3,6 +3,7 @@
 //!
 //! `walk.vtu` makes `walk.pvd` and the folder `walk_vtu`.
 
+use super::colors::principal;
 use super::output::{Folder, frame_name, write_file};
 use super::{ExportError, ExportOptions, ExportReport};
 use crate::journal::{Existing, JournalFrame, JournalReader, JournalVolume};
@@ -69,6 +70,7 @@ fn vtu(w: &mut dyn Write, volume: &JournalVolume, nodes: &[[f32; 3]]) -> io::Res
     let matrix = |[xx, yy, zz, xy, yz, zx]: [f64; 6]| [xx, xy, zx, xy, yy, yz, zx, yz, zz];
     let stress: Vec<f64> = cells.iter().flat_map(|c| matrix(c.stress)).collect();
     let strain: Vec<f64> = cells.iter().flat_map(|c| matrix(c.strain)).collect();
+    let principal_strains: Vec<f64> = cells.iter().flat_map(|c| principal(c.strain)).collect();
     let von_mises: Vec<f64> = cells.iter().map(|c| c.von_mises).collect();
     let volume_ratio: Vec<f64> = cells.iter().map(|c| c.volume_ratio).collect();
     let data = VtuData {
@@ -78,6 +80,7 @@ fn vtu(w: &mut dyn Write, volume: &JournalVolume, nodes: &[[f32; 3]]) -> io::Res
             DataArray { name: "von Mises stress [Pa]", components: 1, values: &von_mises },
             DataArray { name: "stress [Pa]", components: 9, values: &stress },
             DataArray { name: "strain", components: 9, values: &strain },
+            DataArray { name: "principal strains", components: 3, values: &principal_strains },
             DataArray { name: "volume ratio", components: 1, values: &volume_ratio },
         ],
     };
