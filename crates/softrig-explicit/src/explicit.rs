@@ -97,7 +97,8 @@ impl<R: Scalar> BodyLaw<'_, R> {
         for n in 0..position.len() {
             let (place, turn, speed) = between(frames, n, share, self.dt);
             let back = turn.conjugate();
-            let d = back * (DVec3::from(position[n].map(Scalar::to_f64)) - place) + DVec3::from(self.body.mesh.nodes[n]);
+            let d =
+                back * (DVec3::from(position[n].map(Scalar::to_f64)) - place) + DVec3::from(self.body.mesh.nodes[n]);
             let w = back * (DVec3::from(velocity[n].map(Scalar::to_f64)) - speed);
             (x[n], v[n]) = (d.to_array().map(R::from_f64), w.to_array().map(R::from_f64));
         }

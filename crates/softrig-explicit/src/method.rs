@@ -39,7 +39,9 @@ pub struct Stepping {
 #[non_exhaustive]
 pub enum MethodError {
     /// The cells of mass points are all alike.
-    #[error("unsupported: mass points have one stiffness everywhere; leave out regions, stiffer bones and stiffening, or use another method")]
+    #[error(
+        "unsupported: mass points have one stiffness everywhere; leave out regions, stiffer bones and stiffening, or use another method"
+    )]
     SeveralMaterials,
     /// No mass points on this mesh.
     #[error(transparent)]

@@ -157,7 +157,12 @@ impl Objects {
             return Err(StepperError::NeverStable { scheme, limit });
         }
         if longest > limit && self.settings.too_long == TooLong::Refuse {
-            return Err(StepperError::Unstable { scheme, dt: longest, limit, substeps: (longest / limit).ceil() as usize });
+            return Err(StepperError::Unstable {
+                scheme,
+                dt: longest,
+                limit,
+                substeps: (longest / limit).ceil() as usize,
+            });
         }
         let (begin, h) = (self.state.time, dt / steps);
         for k in 0..steps as usize {
@@ -235,8 +240,7 @@ impl Objects {
             }
         }
         self.set = set;
-        self.state =
-            State { time: snapshot[0], position: list(0), velocity: list(1), acceleration: list(2) };
+        self.state = State { time: snapshot[0], position: list(0), velocity: list(1), acceleration: list(2) };
         if let Law::Cells(law) = &mut self.law {
             law.internal.restore(snapshot[fixed + entries..].as_chunks::<4>().0);
         }

@@ -9,6 +9,7 @@ mod error;
 mod set;
 mod solve;
 mod surface;
+mod work;
 
 pub use error::ConstraintError;
 pub use set::Constraints;

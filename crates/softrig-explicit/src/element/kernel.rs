@@ -137,7 +137,7 @@ impl<R: Scalar> Kernel for LinearTwice<'_, R> {
 /// How rotations follow the positions: a type, so that a loop holds the code of one way only and keeps its numbers in registers.
 pub(super) trait Rotations: Copy + Send + Sync {
     /// The rotation of F, from that of the last force.
-    fn follow<R: Scalar>(F: Mat3<Quad<R>>, q: [Quad<R>; 4]) -> [Quad<R>; 4];
+    fn follow<R: Scalar>(self, F: Mat3<Quad<R>>, q: [Quad<R>; 4]) -> [Quad<R>; 4];
 }
 
 /// To rounding.
@@ -154,21 +154,21 @@ pub(super) struct Still;
 
 impl Rotations for Exactly {
     #[inline(always)]
-    fn follow<R: Scalar>(F: Mat3<Quad<R>>, q: [Quad<R>; 4]) -> [Quad<R>; 4] {
+    fn follow<R: Scalar>(self, F: Mat3<Quad<R>>, q: [Quad<R>; 4]) -> [Quad<R>; 4] {
         polar(F, q)
     }
 }
 
 impl Rotations for OneStep {
     #[inline(always)]
-    fn follow<R: Scalar>(F: Mat3<Quad<R>>, q: [Quad<R>; 4]) -> [Quad<R>; 4] {
+    fn follow<R: Scalar>(self, F: Mat3<Quad<R>>, q: [Quad<R>; 4]) -> [Quad<R>; 4] {
         polar_step(F, q)
     }
 }
 
 impl Rotations for Still {
     #[inline(always)]
-    fn follow<R: Scalar>(_: Mat3<Quad<R>>, q: [Quad<R>; 4]) -> [Quad<R>; 4] {
+    fn follow<R: Scalar>(self, _: Mat3<Quad<R>>, q: [Quad<R>; 4]) -> [Quad<R>; 4] {
         q
     }
 }
@@ -187,7 +187,7 @@ impl<R: Scalar, Q: Rotations> Kernel for Warped<'_, R, Q> {
     type Output = ();
     #[inline(always)]
     fn run<const W: usize>(self) {
-        let Self { cells, input, damped, out, .. } = self;
+        let Self { cells, input, rotations, damped, out } = self;
         gather(&cells.part, input.position, &mut cells.u);
         if damped {
             gather(&cells.part, input.velocity, &mut cells.v);
@@ -195,7 +195,7 @@ impl<R: Scalar, Q: Rotations> Kernel for Warped<'_, R, Q> {
         cells.f.fill([R::zero(); 4]);
         for (group, stored) in cells.groups.iter().zip(&mut cells.q) {
             let mut F = gradient_of(edges(&cells.u, &group.node), &group.gradient);
-            let q = Q::follow(F, [Wide(stored[0]), Wide(stored[1]), Wide(stored[2]), Wide(stored[3])]);
+            let q = rotations.follow(F, [Wide(stored[0]), Wide(stored[1]), Wide(stored[2]), Wide(stored[3])]);
             for c in 0..4 {
                 stored[c] = q[c].0;
             }

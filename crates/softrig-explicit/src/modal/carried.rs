@@ -65,7 +65,11 @@ impl<R: Scalar> Integrator<R> for CarriedModes {
             return Err(StepError::Unsupported("modes without the frame, state and force of every node".into()));
         }
         let three = |v: [R; 3]| DVec3::from(v.map(Scalar::to_f64));
-        let lists = [("position", &state.position[..]), ("velocity", &state.velocity), ("external force", input.external_force)];
+        let lists = [
+            ("position", &state.position[..]),
+            ("velocity", &state.velocity),
+            ("external force", input.external_force),
+        ];
         for (what, list) in lists {
             if let Some(node) = list.iter().position(|v| !v.iter().all(|c| c.is_finite())) {
                 return Err(StepError::NotFinite { time: state.time, what, node });
