@@ -97,6 +97,9 @@ pub fn volume(path: &Path) -> Result<VolumeMesh, Failure> {
 /// # Errors
 /// [`Failure`] when it cannot be read, or the scene names a mesh or joint that it does not have.
 pub fn scene_character(scene: &Scene) -> Result<Character, Failure> {
+    if scene.has_objects() {
+        return Ok(crate::commands::bake::objects_character(scene));
+    }
     let mut character = character(&scene.character, &scene.import)?;
     scene.make_rigid(&mut character).map_err(|e| Failure::Input(format!("{}: {e}", scene.character.display())))?;
     Ok(character)

@@ -1,8 +1,8 @@
 //! Arguments of `softrig bake`, and the groups of them that other commands share.
 
 use super::values::{
-    DynamicsName, FrameRange, KindName, MethodName, Precision, SolverName, StepName, TooLongName, UpAxis, at_least_one, not_negative, positive,
-    preset_named,
+    ColorName, DynamicsName, FrameRange, KindName, MethodName, Precision, SolverName, StepName, TooLongName, UpAxis,
+    at_least_one, not_negative, positive, preset_named,
 };
 use crate::scene::RootName;
 use clap::Args;
@@ -137,6 +137,9 @@ pub struct BakeArgs {
     /// Most morph targets of a .glb [default: 64]
     #[arg(long, value_name = "N", value_parser = at_least_one, allow_negative_numbers = true, help_heading = "Results")]
     pub morphs: Option<usize>,
+    /// Colour the vertices of an OBJ series by a quantity of the flesh
+    #[arg(long, value_name = "QUANTITY", help_heading = "Results")]
+    pub colors: Option<ColorName>,
     /// Write the settings of this bake as a scene file and stop
     #[arg(long, value_name = "SCENE.toml", help_heading = "Results")]
     pub write_scene: Option<PathBuf>,

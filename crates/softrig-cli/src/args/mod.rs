@@ -5,8 +5,8 @@ mod values;
 
 pub use bake::{BakeArgs, BodyArgs, ImportArgs};
 pub use values::{
-    DynamicsName, FrameRange, KindName, MethodName, PaperName, PictureSize, Precision, SolverName, StepName, Stress,
-    TooLongName, UpAxis, preset_named,
+    ColorName, DynamicsName, FrameRange, KindName, MethodName, PaperName, PictureSize, Precision, SolverName, StepName,
+    Stress, TooLongName, UpAxis, preset_named,
 };
 
 use clap::{Args, Parser, Subcommand};
@@ -185,6 +185,9 @@ pub struct ConvertArgs {
     /// Most morph targets of a .glb [default: 64]
     #[arg(long, value_name = "N", value_parser = at_least_one, allow_negative_numbers = true)]
     pub morphs: Option<usize>,
+    /// Colour the vertices of an OBJ series by a quantity of the flesh; the journal must keep the volume mesh
+    #[arg(long, value_name = "QUANTITY")]
+    pub colors: Option<ColorName>,
     /// How to read the file.
     #[command(flatten)]
     pub import: ImportArgs,

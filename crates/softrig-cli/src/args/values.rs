@@ -185,6 +185,24 @@ pub enum Stress {
     Displacement,
 }
 
+/// A quantity of the flesh to colour the vertices of a result by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum ColorName {
+    /// Von Mises stress [Pa].
+    Stress,
+    /// Largest principal strain by size [-].
+    Strain,
+}
+
+impl From<ColorName> for softrig_io::export::FleshField {
+    fn from(name: ColorName) -> Self {
+        match name {
+            ColorName::Stress => Self::VonMises,
+            ColorName::Strain => Self::PrincipalStrain,
+        }
+    }
+}
+
 /// Frames `A..B`, B left out; an open end is the clip's own.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]

@@ -102,7 +102,8 @@ fn with_character(args: &ConvertArgs, with: &Path) -> Result<(Scene, Character),
 
 fn export_journal(args: &ConvertArgs, journal: &mut JournalReader, character: &Character) -> Outcome {
     // the input itself may be the journal that a bake to this output would use
-    let target = Target::new(&args.output, Policy::Replace, args.morphs)?;
+    let mut target = Target::new(&args.output, Policy::Replace, args.morphs)?;
+    target.color(args.colors.map(Into::into))?;
     let Some(format) = target.format else {
         return Err(unsupported(args, "journals are made by bakes only"));
     };

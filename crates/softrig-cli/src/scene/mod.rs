@@ -15,7 +15,9 @@ pub use object::{ConstraintKind, Object, SceneConstraint, SceneEnergies};
 pub use read::{SceneError, is_bvh, parse, read};
 pub use template::template;
 
-use crate::args::{DynamicsName, FrameRange, KindName, MethodName, Precision, SolverName, StepName, TooLongName, UpAxis};
+use crate::args::{
+    DynamicsName, FrameRange, KindName, MethodName, Precision, SolverName, StepName, TooLongName, UpAxis,
+};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use softrig::material::{Material, MaterialPreset};
@@ -119,7 +121,16 @@ pub struct Motion {
 impl Default for Motion {
     fn default() -> Self {
         // 30 frames per second is what most game and web clips are sampled at
-        Self { clip: None, names: Vec::new(), fps: 30.0, frames: None, speed: 1.0, duration: None, preroll: 0.5, sag: true }
+        Self {
+            clip: None,
+            names: Vec::new(),
+            fps: 30.0,
+            frames: None,
+            speed: 1.0,
+            duration: None,
+            preroll: 0.5,
+            sag: true,
+        }
     }
 }
 

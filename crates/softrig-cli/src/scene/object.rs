@@ -186,7 +186,8 @@ impl super::Scene {
             c.fits(i)?;
         }
         if let Some(e) = self.energies {
-            for (name, v) in [("distance", e.distance), ("area", e.area), ("volume", e.volume), ("damping", e.damping)] {
+            for (name, v) in [("distance", e.distance), ("area", e.area), ("volume", e.volume), ("damping", e.damping)]
+            {
                 within(&format!("energies.{name}"), Some(v), 0.0..=1e15, "it must be 0 or more")?;
             }
         }

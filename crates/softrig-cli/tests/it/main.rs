@@ -8,6 +8,7 @@ mod disk;
 mod docs;
 mod journal;
 mod methods;
+mod objects;
 mod papers;
 mod real;
 mod shared;

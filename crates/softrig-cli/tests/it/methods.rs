@@ -21,23 +21,37 @@ fn points(dir: &Path, name: &str) -> Vec<f32> {
     bytes[32..].as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b)).collect()
 }
 
-/// Bones are met exactly by every method, and the flesh is where the implicit one has it: within 3 cm, of 1.7 m, at different damping in time
-/// and, for the linear ones, with what skinning deforms for free. The largest distance from the rest of a walking skin is tens of cm.
+/// Bones are met exactly by every method, and the flesh is where the implicit one has it: cells to 3 mm of 1.7 m at other steps in time, mass
+/// points to 3 cm as they are only about as stiff. The linear methods differ where skinning creases the groin, which costs them nothing:
+/// by up to 8 cm there, and much less from each other.
 #[test]
 fn every_method_bakes_the_same_character() {
     let dir = folder();
     let reference = bake(dir.path(), &["-o", "implicit.pc2"]);
     let expected = points(dir.path(), "implicit.pc2");
     assert_eq!((&reference["method"], &reference["explicit_steps"]), (&"implicit".into(), &0.into()));
-    for (method, kind) in [("elements", "hex"), ("elements", "tet"), ("clustered", "hex"), ("modal", "hex"), ("mass-points", "tet")] {
-        let report = bake(dir.path(), &["-o", "out.pc2", "--method", method, "--kind", kind, "--modes", "20"]);
+    let mut linear = Vec::new();
+    for (method, kind, most) in
+        [("elements", "hex", 0.003), ("clustered", "hex", 0.1), ("modal", "hex", 0.1), ("mass-points", "tet", 0.03)]
+    {
+        let report = bake(dir.path(), &["-o", "out.pc2", "--method", method, "--kind", kind, "--modes", "60"]);
         assert_eq!(report["method"], method);
         assert!(report["explicit_steps"].as_u64() >= report["steps"].as_u64(), "{report}");
         assert!(report["attachment_gap_max_m"].as_f64().unwrap() < 1e-12, "{report}");
         let found = points(dir.path(), "out.pc2");
-        let apart = expected.iter().zip(&found).fold(0.0f32, |m, (a, b)| m.max((a - b).abs()));
-        assert!(apart > 0.0 && apart < 0.03, "{method} {kind}: {apart} m");
+        let apart = difference(&expected, &found);
+        assert!(apart > 0.0 && apart < most, "{method} {kind}: {apart} m");
+        if kind == "hex" && method != "elements" {
+            linear.push(found);
+        }
     }
+    let apart = difference(&linear[0], &linear[1]);
+    assert!(apart > 0.0 && apart < 0.02, "clustered and modal: {apart} m");
+}
+
+fn difference(a: &[f32], b: &[f32]) -> f32 {
+    assert_eq!(a.len(), b.len());
+    a.iter().zip(b).fold(0.0f32, |m, (a, b)| m.max((a - b).abs()))
 }
 
 /// What a checkpoint holds is all that these methods know: stopped by Ctrl-C after its first frames and gone on with, a bake ends with the

@@ -82,7 +82,7 @@ impl Measures {
     pub fn add_shape(
         &mut self,
         skeleton: &Skeleton,
-        binding: &Binding,
+        binding: Option<&Binding>,
         rest: &VolumeMesh,
         nodes: &[[f64; 3]],
         attachment_gap: f64,
@@ -93,14 +93,16 @@ impl Measures {
         *cells = (cells.0.min(stats.p1), cells.1.max(stats.p99));
         if stats.inverted.len() > self.inverted_cells_max {
             self.inverted_cells_max = stats.inverted.len();
-            let mut corners = vec![0usize; binding.bones.len()];
-            for node in stats.inverted.iter().flat_map(|c| rest.cell(*c as usize)) {
-                if let Some(count) = corners.get_mut(binding.owner[*node as usize] as usize) {
-                    *count += 1;
+            self.crushed_bone = binding.and_then(|binding| {
+                let mut corners = vec![0usize; binding.bones.len()];
+                for node in stats.inverted.iter().flat_map(|c| rest.cell(*c as usize)) {
+                    if let Some(count) = corners.get_mut(binding.owner[*node as usize] as usize) {
+                        *count += 1;
+                    }
                 }
-            }
-            let most = corners.iter().enumerate().max_by_key(|(bone, count)| (**count, std::cmp::Reverse(*bone)));
-            self.crushed_bone = most.map(|(bone, _)| skeleton.joint(binding.joint(bone as u32)).name.clone());
+                let most = corners.iter().enumerate().max_by_key(|(bone, count)| (**count, std::cmp::Reverse(*bone)));
+                most.map(|(bone, _)| skeleton.joint(binding.joint(bone as u32)).name.clone())
+            });
         }
         self.attachment_gap_max = self.attachment_gap_max.max(attachment_gap);
     }

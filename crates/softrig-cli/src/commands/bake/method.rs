@@ -37,6 +37,12 @@ pub fn choose<R: Scalar>(scene: &Scene, materials: &MaterialMap, simulation: &mu
 /// # Errors
 /// [`Failure::Usage`] names it.
 pub fn check_sides(scene: &Scene, args: &BakeArgs) -> Outcome {
+    let sides = [(&args.forces, "--forces"), (&args.skeleton, "--skeleton"), (&args.reactions, "--reactions")];
+    if let Some((_, what)) = sides.iter().find(|(path, _)| scene.has_objects() && path.is_some()) {
+        return Err(Failure::Usage(format!(
+            "unsupported: {what} of a scene of objects, which has no bones; leave it out"
+        )));
+    }
     if scene.simulation.method == MethodName::Modal && args.forces.is_some() {
         let text = "unsupported: --forces with the method `modal`, whose modes do not resolve the forces on bones; use another method";
         return Err(Failure::Usage(text.into()));

@@ -2,13 +2,16 @@
 
 mod measure;
 mod method;
+mod objects;
 mod output;
 mod prepare;
 mod resume;
 mod session;
 mod skeleton;
 mod stiffen;
+mod subject;
 
+pub use objects::character as objects_character;
 pub use output::{
     Policy, Target, check_folder_of, make_folder_of, refuse_existing, refuse_input, write_whole, write_whole_with,
 };
@@ -48,7 +51,8 @@ pub fn run(args: &BakeArgs) -> Outcome {
         (false, false) => Policy::Refuse,
     };
     // what is there already is refused before any long work, side results included
-    Target::new(out, policy, args.morphs)?;
+    let colors = args.colors.map(Into::into);
+    Target::new(out, policy, args.morphs)?.color(colors)?;
     for side in sides.into_iter().flatten() {
         refuse_existing(side, policy)?;
         check_folder_of(side)?;
@@ -61,7 +65,9 @@ pub fn run(args: &BakeArgs) -> Outcome {
     for name in &names {
         let path = if clips.len() > 1 { output::for_clip(out, name, &names) } else { out.clone() };
         refuse_input(&path, inputs())?;
-        targets.push(Target::new(&path, policy, args.morphs)?);
+        let mut target = Target::new(&path, policy, args.morphs)?;
+        target.color(colors)?;
+        targets.push(target);
     }
     if let Some(path) = &args.skeleton {
         skeleton::check(path, &scene)?;

@@ -1,7 +1,7 @@
 //! Where results go: nothing that is there is damaged, and what appears is whole.
 
 use crate::failure::Failure;
-use softrig_io::export::{ExportOptions, Format};
+use softrig_io::export::{ExportOptions, FleshField, Format};
 use softrig_io::journal::{Existing, journal_path};
 use std::fmt::Write as _;
 use std::io::{BufWriter, Write};
@@ -31,6 +31,8 @@ pub struct Target {
     pub policy: Policy,
     /// Most morph targets of a .glb; `None`: the format's own default.
     pub morphs: Option<usize>,
+    /// What colours the vertices of a series; nothing at first.
+    pub colors: Option<FleshField>,
 }
 
 impl Target {
@@ -55,7 +57,7 @@ impl Target {
             )));
         }
         check_folder_of(out)?;
-        Ok(Self { out: out.to_owned(), format, journal, policy, morphs })
+        Ok(Self { out: out.to_owned(), format, journal, policy, morphs, colors: None })
     }
 
     /// What the export may do.
@@ -64,12 +66,29 @@ impl Target {
         self.export_options_as(self.policy)
     }
 
+    /// Colours the vertices of the result.
+    ///
+    /// # Errors
+    /// [`Failure::Usage`] when its format cannot hold colours that change.
+    pub fn color(&mut self, by: Option<FleshField>) -> Result<(), Failure> {
+        if by.is_some() && !matches!(self.format, Some(Format::ObjSeries | Format::PlySeries)) {
+            let text = format!(
+                "unsupported: --colors in {}; name a folder, for an OBJ series. A .vtu has stress and strain of every cell in any case",
+                self.out.display()
+            );
+            return Err(Failure::Usage(text));
+        }
+        self.colors = by;
+        Ok(())
+    }
+
     /// What the export may do under another policy.
     #[must_use]
     pub fn export_options_as(&self, policy: Policy) -> ExportOptions {
         let existing = if policy == Policy::Refuse { Existing::Refuse } else { Existing::Replace };
         let mut options = ExportOptions { existing, ..ExportOptions::default() };
         options.morphs = self.morphs.unwrap_or(options.morphs);
+        options.colors = self.colors;
         options
     }
 }

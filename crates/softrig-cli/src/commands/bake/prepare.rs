@@ -1,5 +1,6 @@
 //! From a scene to what is simulated: clips, cells, binding, materials, settings.
 
+use super::objects::{self, Layout};
 use crate::args::{DynamicsName, KindName};
 use crate::failure::Failure;
 use crate::load;
@@ -23,8 +24,8 @@ pub struct Prepared {
     pub character: Character,
     /// Its cells.
     pub volume: VolumeMesh,
-    /// Which nodes hang on which bones.
-    pub binding: Binding,
+    /// Which nodes hang on which bones; objects have none.
+    pub binding: Option<Binding>,
     /// What the cells are made of.
     pub materials: MaterialMap,
     /// How it is simulated.
@@ -40,6 +41,12 @@ impl Prepared {
     /// [`Failure`] says what the character or the scene lacks.
     pub fn new(scene: &Scene, character: Character) -> Result<Self, Failure> {
         let start = Instant::now();
+        if scene.has_objects() {
+            let volume = Layout::new(scene).mesh;
+            let materials = MaterialMap::uniform(scene.material.material());
+            let took = start.elapsed();
+            return Ok(Self { character, volume, binding: None, materials, settings: settings(scene), took });
+        }
         let at = |e: &(dyn std::error::Error + 'static)| Failure::reading(&scene.character, e);
         let volume = volume(scene, &character).map_err(|e| at(&e))?;
         let binding = Binding::new(&character, &volume, &bind_settings(scene)).map_err(|e| at(&e))?;
@@ -61,7 +68,25 @@ impl Prepared {
             })
             .collect();
         let materials = material_map(&character, &volume, &binding, base, &regions, near).map_err(|e| at(&e))?;
-        Ok(Self { character, volume, binding, materials, settings: settings(scene), took: start.elapsed() })
+        Ok(Self {
+            character,
+            volume,
+            binding: Some(binding),
+            materials,
+            settings: settings(scene),
+            took: start.elapsed(),
+        })
+    }
+}
+
+impl Prepared {
+    /// Which nodes of a character hang on which bones.
+    ///
+    /// # Panics
+    /// For objects, which have no bones.
+    #[must_use]
+    pub fn bones(&self) -> &Binding {
+        self.binding.as_ref().expect("only characters are asked for their bones")
     }
 }
 
@@ -123,6 +148,9 @@ fn settings(scene: &Scene) -> SimulationSettings {
 /// [`Failure`] names the clips there are.
 pub fn clips(scene: &Scene, character: &Character) -> Result<Vec<Clip>, Failure> {
     let file = scene.character.display();
+    if scene.has_objects() {
+        return Ok(vec![objects::clip(scene)]);
+    }
     let wanted = scene.motion.clip.as_deref();
     if let Some(name) = wanted
         && is_bvh(Path::new(name))

@@ -3,7 +3,6 @@
 use super::measure::Measures;
 use super::session::Job;
 use crate::scene::{Scene, is_bvh};
-use softrig::simulation::Checkpoint;
 use std::fmt::{self, Write};
 use std::hash::Hasher;
 use std::path::Path;
@@ -18,8 +17,7 @@ pub struct Snapshot {
 }
 
 /// Bytes of a checkpoint: the length of the state, the state, the measures.
-pub fn encode(state: &Checkpoint, measures: &Measures) -> Vec<u8> {
-    let bytes = state.as_bytes();
+pub fn encode(bytes: &[u8], measures: &Measures) -> Vec<u8> {
     let mut out = (bytes.len() as u64).to_le_bytes().to_vec();
     out.extend_from_slice(bytes);
     out.extend_from_slice(&serde_json::to_vec(measures).expect("measures are plain data"));

@@ -6,17 +6,18 @@ use super::prepare::Prepared;
 use super::resume::{self, Snapshot};
 use super::skeleton::{Reactions, write_skeleton};
 use super::stiffen::Stiffened;
+use super::subject::{Flesh, Subject, Things};
 use crate::args::{MethodName, Precision};
 use crate::failure::Failure;
 use crate::interrupt::{self, Graceful};
 use crate::report::{BakeReport, peak_rss_mib};
 use crate::scene::Scene;
 use crate::ui::{self, Progress};
-use softrig::frame::FrameSink;
+use softrig::couple::Binding;
 use softrig::material::MaterialMap;
 use softrig::mesh::components;
 use softrig::rig::{Clip, Pose, Transform};
-use softrig::simulation::{Checkpoint, ClipMotion, Motion, Simulation};
+use softrig::simulation::{ClipMotion, Motion, Simulation};
 use softrig_io::export::{self, ExportError, ExportReport, Format};
 use softrig_io::journal::{
     Existing, JournalError, JournalFrame, JournalHeader, JournalMesh, JournalReader, JournalVolume, JournalWriter,
@@ -103,23 +104,12 @@ fn bake<R: Scalar>(
     let from = Window { offset: range.start as f64 / fps, motion };
 
     let duration = count.saturating_sub(1) as f64 / fps;
-    // mass points have one stiffness
-    let stiffen = scene.simulation.stiffen && scene.simulation.method != MethodName::MassPoints;
+    // mass points have one stiffness, objects no clip
+    let whole = scene.has_objects() || scene.simulation.method == MethodName::MassPoints;
+    let stiffen = scene.simulation.stiffen && !whole;
     let stiffened = Stiffened::new(prepared, stiffen, &from, duration);
-    let mut simulation = Simulation::<R>::new(
-        &prepared.character,
-        prepared.volume.clone(),
-        prepared.binding.clone(),
-        &stiffened.materials,
-        prepared.settings.clone(),
-    )
-    .map_err(|e| Failure::reading(&scene.character, &e))?;
-    super::method::choose(scene, &stiffened.materials, &mut simulation)?;
-    let chosen = scene
-        .chosen_coupling(&prepared.character, &prepared.binding, job.clip)
-        .map_err(|e| Failure::Input(format!("{}: {e}", scene.character.display())))?;
-    simulation.couple(&chosen.coupling, chosen.events.clone()).map_err(|e| Failure::reading(&scene.character, &e))?;
-    chosen.notes.iter().for_each(ui::note);
+    let (mut subject, notes) = subject::<R>(job, &stiffened.materials)?;
+    notes.iter().for_each(ui::note);
     let setup = prepared.took + begun.elapsed();
 
     // where the first frame lies in the clip's own time
@@ -128,33 +118,23 @@ fn bake<R: Scalar>(
     // from here on there are frames to be kept
     let graceful = Graceful::begin();
     let (mut journal, mut measures, mut next, finished) =
-        open(job, header, &stiffened.materials, &mut simulation, &from)?;
+        open(job, header, &stiffened.materials, &mut *subject, &from)?;
     if !finished {
         let mut progress = Progress::new("frames", next, count);
         while next < count {
             let start = Instant::now();
             let report = match next {
-                0 => simulation.start(&from),
-                _ => simulation.advance(&from, next as f64 / fps),
+                0 => subject.start(&from),
+                _ => subject.advance(&from, next as f64 / fps),
             };
             let report = report.map_err(|e| stopped(job, next, &e))?;
             measures.add_advance(&report, (next > 0).then(|| start.elapsed()));
-            let gap = simulation.attachment_gap();
-            let violation = simulation.limit_violation();
-            let free = simulation.free_roots().to_vec();
-            // kept in any case: a resumed bake may want them
-            let wanted = scene.coupling.two_way.then(|| simulation.joint_reaction().to_vec());
-            let frame = simulation.frame(next);
-            measures.add_shape(skeleton, &prepared.binding, &prepared.volume, frame.nodes, gap);
-            let locals = job.clip.sample(skeleton, start_time + frame.time * scene.motion.speed);
-            measures.add_pose(skeleton, &prepared.binding, frame.pose, &locals, prepared.character.height(), &free);
-            measures.add_joints(violation, wanted.as_deref());
-            journal.frame(&frame).map_err(|e| journal_failure(&e))?;
+            subject.record(job, next, start_time, &mut measures, &mut journal)?;
             next += 1;
             progress.step();
             let interrupted = interrupt::requested();
             if next % CHECKPOINT_EVERY == 0 || interrupted {
-                let state = resume::encode(&simulation.checkpoint(), &measures);
+                let state = resume::encode(&subject.checkpoint(), &measures);
                 journal.checkpoint(&state).map_err(|e| journal_failure(&e))?;
             }
             if interrupted && next < count {
@@ -167,7 +147,7 @@ fn bake<R: Scalar>(
         }
         progress.finish();
         // what the report says is kept with the last frame: resumed after it, the export still has it
-        let state = resume::encode(&simulation.checkpoint(), &measures);
+        let state = resume::encode(&subject.checkpoint(), &measures);
         journal.checkpoint(&state).map_err(|e| journal_failure(&e))?;
         journal.finish().map_err(|e| journal_failure(&e))?;
     }
@@ -189,8 +169,8 @@ fn bake<R: Scalar>(
         cell_kind: if prepared.volume.tets.is_empty() { "hex" } else { "tet" }.into(),
         spacing_m: prepared.volume.lattice.as_ref().map_or(0.0, |l| l.spacing),
         nodes: prepared.volume.node_count(),
-        bound_nodes: prepared.binding.bound_count(),
-        bones: prepared.binding.bones.len(),
+        bound_nodes: prepared.binding.as_ref().map_or(0, Binding::bound_count),
+        bones: prepared.binding.as_ref().map_or(0, |b| b.bones.len()),
         parts: components(&prepared.volume).count,
         skin_vertices: prepared.character.vertex_count(),
         height_m: prepared.character.height(),
@@ -201,13 +181,13 @@ fn bake<R: Scalar>(
         threads: rayon::current_num_threads(),
         stiffened_max: stiffened.factor,
         two_way: scene.coupling.two_way,
-        joint_unknowns: simulation.joint_unknowns(),
+        joint_unknowns: subject.joint_unknowns(),
         morph_error_max: exported.morphs.as_ref().map(|m| m.error),
         peak_rss_mib: peak_rss_mib().unwrap_or(0.0),
         setup_seconds: setup.as_secs_f64(),
         total_seconds: (prepared.took + begun.elapsed()).as_secs_f64(),
         state_hash: format!("{state_hash:016x}"),
-        notes: prepared.character.notes.iter().chain(&chosen.notes).chain(&exported.notes).cloned().collect(),
+        notes: prepared.character.notes.iter().chain(&notes).chain(&exported.notes).cloned().collect(),
         ..BakeReport::default()
     };
     measures.report(&mut report);
@@ -230,11 +210,36 @@ fn bake<R: Scalar>(
     Ok(report)
 }
 
+/// What is simulated, and what was chosen for it, in words.
+fn subject<R: Scalar>(job: &Job<'_>, materials: &MaterialMap) -> Result<(Box<dyn Subject>, Vec<String>), Failure> {
+    let (scene, prepared) = (job.scene, job.prepared);
+    if scene.has_objects() {
+        return Ok((Box::new(Things::new(scene, materials)?), Vec::new()));
+    }
+    let mut simulation = Simulation::<R>::new(
+        &prepared.character,
+        prepared.volume.clone(),
+        prepared.bones().clone(),
+        materials,
+        prepared.settings.clone(),
+    )
+    .map_err(|e| Failure::reading(&scene.character, &e))?;
+    super::method::choose(scene, materials, &mut simulation)?;
+    let chosen = scene
+        .chosen_coupling(&prepared.character, prepared.bones(), job.clip)
+        .map_err(|e| Failure::Input(format!("{}: {e}", scene.character.display())))?;
+    simulation.couple(&chosen.coupling, chosen.events).map_err(|e| Failure::reading(&scene.character, &e))?;
+    Ok((Box::new(Flesh(simulation)), chosen.notes))
+}
+
 /// Which frames of the clip are baked.
 fn frames(scene: &Scene, motion: &ClipMotion<'_>, name: &str) -> Result<std::ops::Range<usize>, Failure> {
     let all = motion.frame_count(scene.motion.fps);
     let wanted = scene.motion.frames.unwrap_or_default();
     let end = wanted.end.unwrap_or(all);
+    if scene.has_objects() && wanted.start > 0 {
+        return Err(Failure::Input(format!("frames {wanted}: objects start from rest with frame 0; say 0..{end}")));
+    }
     if wanted.start >= all || end > all {
         return Err(Failure::Input(format!(
             "frames {wanted}: the clip `{name}` has frames 0..{all} at {} frames per second",
@@ -256,8 +261,13 @@ fn header(job: &Job<'_>, materials: &MaterialMap, start_time: f64, count: usize)
         joint_count: prepared.character.skeleton.joint_count() as u32,
         meshes: meshes.map(|m| JournalMesh { name: m.name.clone(), vertex_count: m.positions.len() as u32 }).collect(),
         // most of a frame would be nodes: they are kept for results that show them, and for a journal that is the result
-        volume: matches!(job.target.format, Some(Format::Vtu) | None).then(|| volume(job, materials)),
+        volume: keeps_nodes(job.target).then(|| volume(job, materials)),
     }
+}
+
+/// Whether a result shows more than the skin.
+fn keeps_nodes(target: &Target) -> bool {
+    matches!(target.format, Some(Format::Vtu) | None) || target.colors.is_some()
 }
 
 /// The volume mesh as a journal keeps it.
@@ -266,11 +276,11 @@ fn volume(job: &Job<'_>, materials: &MaterialMap) -> JournalVolume {
 }
 
 /// Begins the journal, or goes on with it: then the simulation is where the journal's last checkpoint was.
-fn open<R: Scalar>(
+fn open(
     job: &Job<'_>,
     mut header: JournalHeader,
     materials: &MaterialMap,
-    simulation: &mut Simulation<R>,
+    subject: &mut dyn Subject,
     motion: &dyn Motion,
 ) -> Result<(JournalWriter, Measures, usize, bool), Failure> {
     let target = job.target;
@@ -282,7 +292,7 @@ fn open<R: Scalar>(
     }
     let begun = JournalReader::open(&target.journal).map_err(|e| journal_failure(&e))?;
     // a journal is gone on with as it was begun, with nodes or without, where the result can do with either
-    if target.format != Some(Format::Vtu) {
+    if target.format != Some(Format::Vtu) && target.colors.is_none() {
         let wanted = begun.header().volume.is_some();
         header.volume = wanted.then(|| volume(job, materials));
     }
@@ -294,7 +304,7 @@ fn open<R: Scalar>(
     let broken = |what: &str| Failure::Input(format!("{}: {what}; start over with --force", target.journal.display()));
     let Snapshot { state, measures } =
         resume::decode(&stored.state).ok_or_else(|| broken("its checkpoint cannot be read"))?;
-    simulation.restore(&Checkpoint::from_bytes(state), motion).map_err(|e| broken(&e.to_string()))?;
+    subject.restore(state, motion).map_err(|e| broken(&e))?;
     if !point.finished {
         ui::note(format_args!("going on from frame {}", stored.frames_done));
     }
@@ -347,7 +357,7 @@ fn target_journal(job: &Job<'_>) -> String {
 }
 
 /// A frame that could not be simulated.
-fn stopped(job: &Job<'_>, frame: usize, error: &softrig::integrate::StepError) -> Failure {
+fn stopped(job: &Job<'_>, frame: usize, error: &str) -> Failure {
     let kept = match frame {
         0 => String::new(),
         n => format!(

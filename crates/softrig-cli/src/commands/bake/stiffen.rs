@@ -25,7 +25,7 @@ impl Stiffened {
         if !allowed {
             return out;
         }
-        let (mesh, binding, skeleton) = (&prepared.volume, &prepared.binding, &prepared.character.skeleton);
+        let (mesh, binding, skeleton) = (&prepared.volume, prepared.bones(), &prepared.character.skeleton);
         let factors = stiffening(skeleton, mesh, binding, &out.materials, motion, duration);
         if let Some((cell, factor)) = factors.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1)) {
             out.factor = f64::from(*factor);

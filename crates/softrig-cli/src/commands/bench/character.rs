@@ -39,7 +39,7 @@ pub fn measure(name: &str, cells: &str, solver: SolverKind) -> Result<Measuremen
     let mut simulation = Simulation::<f64>::new(
         character,
         prepared.volume.clone(),
-        prepared.binding.clone(),
+        prepared.bones().clone(),
         &prepared.materials,
         settings,
     )

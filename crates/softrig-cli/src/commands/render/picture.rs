@@ -188,9 +188,10 @@ impl Body {
             _ => {
                 // the binding is not kept anywhere: the same scene gives the same one again
                 let prepared = Prepared::new(&frames.scene, character.clone())?;
-                let binding = &prepared.binding;
-                let bound = (0..binding.bound.len()).filter(|n| binding.bound[*n]);
-                let bound = bound.map(|n| (n as u32, binding.joint(binding.owner[n]))).collect();
+                let bound = prepared.binding.as_ref().map_or_else(Vec::new, |b| {
+                    let nodes = (0..b.bound.len()).filter(|n| b.bound[*n]);
+                    nodes.map(|n| (n as u32, b.joint(b.owner[n]))).collect()
+                });
                 (prepared.volume, prepared.materials, bound)
             }
         };
