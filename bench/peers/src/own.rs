@@ -1,4 +1,4 @@
-//! The box in softrig: the same cells, masses and scheme, the bone's nodes prescribed, the default solver.
+//! The box in softrig: the same cells, masses, scheme and numbers of 32 bits, the bone's nodes prescribed.
 
 use crate::boxes::FleshBox;
 use crate::scene;
@@ -12,16 +12,16 @@ use std::error::Error;
 
 /// A body and what steps it.
 pub struct Own {
-    body: Body<f64>,
-    solver: Box<dyn LinearSolver<f64>>,
-    integrator: Implicit<f64>,
-    state: State<f64>,
-    rest: Vec<[f64; 3]>,
-    still: Vec<[f64; 3]>,
-    weight: Vec<[f64; 3]>,
+    body: Body<f32>,
+    solver: Box<dyn LinearSolver<f32>>,
+    integrator: Implicit<f32>,
+    state: State<f32>,
+    rest: Vec<[f32; 3]>,
+    still: Vec<[f32; 3]>,
+    weight: Vec<[f32; 3]>,
     old: Vec<usize>,
     /// What the last step did.
-    pub output: StepOutput<f64>,
+    pub output: StepOutput<f32>,
 }
 
 impl Own {
@@ -39,14 +39,14 @@ impl Own {
             mass_damping: 0.0,
             stiffness_damping: 0.0,
         };
-        let rest = mesh.nodes.clone();
+        let rest: Vec<[f32; 3]> = mesh.nodes.iter().map(|x| x.map(|x| x as f32)).collect();
         let materials = MaterialMap::uniform(material);
         let body = Body::new(mesh, &materials, ElasticModel::Corotated, DofConstraints::from_mask(held))?;
         Ok(Self {
             solver: solver.build(&body.mesh),
             integrator: Implicit::new(Scheme::ImplicitEuler, 1),
             state: State::at_rest(rest.clone()),
-            still: vec![[0.0; 3]; rest.len()],
+            still: vec![[0.0f32; 3]; rest.len()],
             weight: body.weight([0.0, -9.81, 0.0]),
             rest,
             old,
@@ -69,6 +69,6 @@ impl Own {
 
     /// Height of a node [m].
     pub fn height(&self, node: usize) -> f64 {
-        self.state.position[self.old[node]][1]
+        f64::from(self.state.position[self.old[node]][1])
     }
 }
