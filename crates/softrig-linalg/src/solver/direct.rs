@@ -4,7 +4,7 @@
 
 use super::factor::Factor;
 use super::free::FreePattern;
-use super::{LinearSolver, SolveError, SolveReport, residual};
+use super::{LinearSolver, LinearSystem, Preconditioner, SolveError, SolveReport, residual};
 use crate::{BlockCsr, BlockPattern, DofConstraints, Scalar};
 use std::sync::Arc;
 
@@ -38,9 +38,43 @@ impl<R: Scalar> Direct<R> {
     }
 }
 
+impl<R: Scalar> Preconditioner<R> for Direct<R> {
+    fn load(&mut self, system: &mut dyn LinearSystem<R>) -> Result<(), SolveError> {
+        let Prepared { whole, pattern, factor, identity, .. } =
+            self.prepared.as_mut().ok_or(SolveError::NotPrepared)?;
+        let matrix = system.assembled();
+        if *matrix.pattern != **whole {
+            return Err(SolveError::NotPrepared);
+        }
+        let Some(factor) = factor else { return Ok(()) };
+        let made =
+            factor.load(pattern, &pattern.block_of::<R, f64>(matrix), identity).and_then(|()| factor.factorise());
+        made.map_err(|fault| pattern.blame(&fault))
+    }
+
+    fn free_nodes(&self) -> &[u32] {
+        self.prepared.as_ref().map_or(&[], |p| &p.pattern.node)
+    }
+
+    fn apply(&mut self, r: &[[f32; 4]], z: &mut [[f32; 4]]) {
+        let Some(Prepared { factor: Some(factor), correction, .. }) = &mut self.prepared else { return };
+        for (to, r) in correction.as_chunks_mut::<3>().0.iter_mut().zip(r) {
+            *to = [r[0], r[1], r[2]].map(f64::from);
+        }
+        factor.solve_in_place(correction);
+        for (z, from) in z.iter_mut().zip(correction.as_chunks::<3>().0) {
+            *z = [from[0] as f32, from[1] as f32, from[2] as f32, 0.0];
+        }
+    }
+}
+
 impl<R: Scalar> LinearSolver<R> for Direct<R> {
     fn name(&self) -> &'static str {
         "direct"
+    }
+
+    fn preconditioner(&mut self) -> Option<&mut dyn Preconditioner<R>> {
+        Some(self)
     }
 
     fn prepare(&mut self, pattern: &Arc<BlockPattern>, constraints: &DofConstraints) -> Result<(), SolveError> {

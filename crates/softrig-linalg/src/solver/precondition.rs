@@ -4,9 +4,11 @@
 
 use super::cubes::FreeCubes;
 use super::free::FreePattern;
+use super::pcg::kernel::{Inverse, Product};
 use super::quads::Quads;
+use super::sliced::{ROWS, Sliced};
 use super::{LinearSystem, SolveError};
-use crate::{BlockCsr, Scalar};
+use crate::{Scalar, run_wide};
 use rayon::prelude::*;
 
 /// An approximate inverse of a system on its free nodes: symmetric positive definite up to rounding.
@@ -22,77 +24,103 @@ pub trait Preconditioner<R> {
     fn free_nodes(&self) -> &[u32];
 
     /// `z ≈ A⁻¹ r` on free rows; the fourth numbers are zero.
-    fn apply(&mut self, r: &[[f64; 4]], z: &mut [[f64; 4]]);
+    fn apply(&mut self, r: &[[f32; 4]], z: &mut [[f32; 4]]);
 }
 
-/// Products with a system on all of its nodes, constrained ones included, in f64. Bitwise equal for any thread count.
-#[derive(Debug, Default)]
-pub struct Operator {
-    cubes: Option<Cubes>,
+/// Products with a system on all of its nodes, constrained ones included, in numbers of type `A`. Bitwise equal for any thread
+/// count.
+#[derive(Debug)]
+pub struct Operator<A> {
+    /// The numbering of the nodes, and the blocks where the system has entries only.
+    all: FreePattern,
+    cubes: Option<FreeCubes<A>>,
+    stored: Option<Stored<A>>,
+    x: Quads<A>,
+    y: Quads<A>,
 }
 
 #[derive(Debug)]
-struct Cubes {
-    all: FreePattern,
-    free: FreeCubes<f64>,
-    x: Quads<f64>,
-    y: Quads<f64>,
+struct Stored<A> {
+    matrix: Sliced<A>,
+    inverse: Vec<Inverse<A>>,
+    identity: Vec<bool>,
 }
 
-impl Operator {
-    /// Takes the numbers of a system. Returns whether products need its entries: then they must be given to
-    /// [`Self::product`], and are not read otherwise.
-    pub fn load<R: Scalar>(&mut self, system: &mut dyn LinearSystem<R>) -> bool {
-        let Some(matrix) = system.cubes() else {
-            self.cubes = None;
-            return true;
-        };
-        if !self.cubes.as_ref().is_some_and(|c| c.free.belongs_to(&matrix.pattern)) {
-            let n = matrix.pattern.node_count;
-            // the cubes need the numbering of the nodes only
-            let all = FreePattern::numbering((0..n as u32).collect());
-            let (x, y) = (Quads::zero(n), Quads::zero(n));
-            self.cubes = Some(Cubes { free: FreeCubes::new(&matrix.pattern, &all), all, x, y });
-        }
-        if let Some(cubes) = &mut self.cubes {
-            cubes.free.load(matrix, &cubes.all);
-        }
-        false
+impl<A: Scalar> Default for Operator<A> {
+    fn default() -> Self {
+        Self { all: FreePattern::default(), cubes: None, stored: None, x: Quads::zero(0), y: Quads::zero(0) }
     }
+}
 
-    /// `y = A x`.
-    ///
-    /// # Panics
-    /// When the vectors do not have one entry per node.
-    pub fn product<R: Scalar>(&mut self, stored: &BlockCsr<R>, x: &[[f64; 3]], y: &mut [[f64; 3]]) {
-        assert_eq!(x.len(), y.len(), "one entry per node in both vectors");
-        if let Some(cubes) = &mut self.cubes {
-            for (to, v) in cubes.x.get_mut().iter_mut().zip(x) {
-                *to = [v[0], v[1], v[2], 0.0];
+impl<A: Scalar> Operator<A> {
+    /// Takes the numbers of a system: its cubes where it has them, all entries otherwise.
+    pub fn load<R: Scalar>(&mut self, system: &mut dyn LinearSystem<R>) {
+        if let Some(matrix) = system.cubes() {
+            self.stored = None;
+            let n = matrix.pattern.node_count;
+            if !self.cubes.as_ref().is_some_and(|c| c.belongs_to(&matrix.pattern)) {
+                // the cubes need the numbering of the nodes only
+                self.all = FreePattern::numbering((0..n as u32).collect());
+                self.cubes = Some(FreeCubes::new(&matrix.pattern, &self.all));
             }
-            cubes.free.product(cubes.x.padded(), cubes.y.get_mut());
-            for (y, from) in y.iter_mut().zip(cubes.y.get()) {
-                *y = [from[0], from[1], from[2]];
+            if let Some(cubes) = &mut self.cubes {
+                cubes.load(matrix, &self.all);
             }
+            self.make_room(n);
             return;
         }
-        let pattern = &stored.pattern;
-        y.par_chunks_mut(ROWS).enumerate().for_each(|(c, y)| {
-            for (k, y) in y.iter_mut().enumerate() {
-                let row = pattern.row(c * ROWS + k);
-                let mut sum = [0.0; 3];
-                for (m, column) in stored.values[row.clone()].iter().zip(&pattern.column()[row]) {
-                    let v = x[*column as usize];
-                    for r in 0..3 {
-                        sum[r] +=
-                            m[3 * r].to_f64() * v[0] + m[3 * r + 1].to_f64() * v[1] + m[3 * r + 2].to_f64() * v[2];
-                    }
-                }
-                *y = sum;
-            }
-        });
+        self.cubes = None;
+        let matrix = system.assembled();
+        let n = matrix.pattern.row_count();
+        let blocks = self.all.column.len();
+        let same = self.stored.is_some() && blocks == matrix.values.len() && self.all.row_count() == n;
+        if !same {
+            self.all = FreePattern::in_order(&matrix.pattern, (0..n as u32).collect());
+            let made = Sliced::new(&self.all, &[0, n as u32]);
+            self.stored =
+                Some(Stored { matrix: made, inverse: vec![[[A::zero(); 4]; 3]; n], identity: vec![false; n] });
+        }
+        if let Some(stored) = &mut self.stored {
+            let block_of = self.all.block_of(matrix);
+            // a diagonal block without an inverse belongs to a node that takes no part
+            let _ = stored.matrix.load(&self.all, &block_of, &mut stored.inverse, &mut stored.identity);
+        }
+        self.make_room(n);
+    }
+
+    fn make_room(&mut self, nodes: usize) {
+        if self.x.get().len() != nodes {
+            (self.x, self.y) = (Quads::zero(nodes), Quads::zero(nodes));
+        }
+    }
+
+    /// What [`Self::product`] multiplies, one entry per node; fourth numbers must be zero.
+    pub fn input(&mut self) -> &mut [[A; 4]] {
+        self.x.get_mut()
+    }
+
+    /// `A x` for the x that [`Self::input`] was given; zero before a system was loaded.
+    pub fn product(&mut self) -> &[[A; 4]] {
+        if let Some(cubes) = &mut self.cubes {
+            cubes.product(self.x.padded(), self.y.get_mut());
+        } else if let Some(Stored { matrix, .. }) = &self.stored {
+            let x = self.x.get();
+            let rows = self.y.get_mut().par_chunks_mut(ROWS).zip(x.par_chunks(ROWS));
+            rows.enumerate().for_each(|(chunk, (y, own))| {
+                run_wide::<A, _>(Product { matrix, chunk, x, own, y });
+            });
+        }
+        self.y.get()
+    }
+
+    /// Adds to the last product at one node.
+    pub fn add(&mut self, node: usize, v: [A; 3]) {
+        let y = &mut self.y.get_mut()[node];
+        (0..3).for_each(|k| y[k] += v[k]);
+    }
+
+    /// The x that was multiplied, and the last product.
+    pub fn both(&self) -> (&[[A; 4]], &[[A; 4]]) {
+        (self.x.get(), self.y.get())
     }
 }
-
-/// Rows per task.
-const ROWS: usize = 256;

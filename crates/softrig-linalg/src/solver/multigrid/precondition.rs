@@ -38,7 +38,7 @@ impl<R: Scalar> Preconditioner<R> for Multigrid<R> {
         &self.pcg.free().node
     }
 
-    fn apply(&mut self, r: &[[f64; 4]], z: &mut [[f64; 4]]) {
+    fn apply(&mut self, r: &[[f32; 4]], z: &mut [[f32; 4]]) {
         match &mut self.cycle {
             Some(cycle) => cycle.apply(r, z),
             None => z.copy_from_slice(r),

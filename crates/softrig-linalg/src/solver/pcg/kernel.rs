@@ -21,7 +21,7 @@ fn total(sum: Wide<f64, 4>) -> f64 {
 }
 
 /// Rows of chunk `chunk` of `y = A x`; returns `xᵀ y` over them.
-pub(super) struct Product<'a, A> {
+pub(in crate::solver) struct Product<'a, A> {
     pub matrix: &'a Sliced<A>,
     pub chunk: usize,
     pub x: &'a [[A; 4]],
