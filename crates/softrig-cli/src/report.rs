@@ -96,6 +96,8 @@ pub struct BakeReport {
     pub two_way: bool,
     /// Unknowns of the skeleton: what its joints leave free.
     pub joint_unknowns: usize,
+    /// Mass of flesh that projects to no bone, which the nearest joint got [kg]: staggered coupling only.
+    pub unassigned_mass_kg: f64,
     /// How far the worst joint was beyond its limits [rad].
     pub limit_violation_max_rad: f64,
     /// How many times stiffer than asked for the stiffest cell is, so that the clip does not crush it [-]; 1 where none is.

@@ -1,15 +1,18 @@
 //! Where flesh meets bone: which nodes hang on which bones, and where bones take them.
 
-mod augmented;
 mod binding;
 mod blend;
 mod bone;
+mod coarse;
 mod depth;
+mod follow;
 mod jacobian;
 mod joint_mass;
+mod krylov;
 mod monolithic;
 mod pull;
 mod region;
+mod rows;
 mod surface;
 mod weight;
 

@@ -47,12 +47,14 @@ impl PointSpring {
         p
     }
 
-    /// `y += k W Wᵀ x`.
-    pub(crate) fn add_product(&self, x: &[[f64; 3]], y: &mut [[f64; 3]]) {
-        let p = self.point(x);
+    /// The point, where `of` has the nodes.
+    pub(crate) fn point_of(&self, of: impl Fn(usize) -> [f64; 4]) -> [f64; 3] {
+        let mut p = [0.0; 3];
         for (n, w) in &self.nodes {
-            (0..3).for_each(|k| y[*n as usize][k] += self.effective * w * p[k]);
+            let x = of(*n as usize);
+            (0..3).for_each(|k| p[k] += w * x[k]);
         }
+        p
     }
 }
 

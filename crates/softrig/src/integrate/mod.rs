@@ -37,6 +37,14 @@ impl<R: Scalar> State<R> {
         let zero = vec![[R::zero(); 3]; position.len()];
         Self { time: 0.0, velocity: zero.clone(), acceleration: zero, position }
     }
+
+    /// Becomes another, in the memory that is there.
+    pub(crate) fn copy(&mut self, other: &Self) {
+        self.time = other.time;
+        self.position.clone_from(&other.position);
+        self.velocity.clone_from(&other.velocity);
+        self.acceleration.clone_from(&other.acceleration);
+    }
 }
 
 /// What drives one step.

@@ -1,9 +1,11 @@
 //! How skeleton and flesh are coupled, and what a coupled simulation knows besides its flesh.
 
 use super::checkpoint::put;
+use super::drive::Drive;
 use super::event::Event;
 use super::staggered::Staggered;
-use crate::couple::{Binding, Lead, Monolithic};
+use crate::couple::{Binding, JointSpring, Lead, Monolithic, PointSpring};
+use crate::integrate::State;
 use crate::mesh::{BoundaryFaces, VolumeMesh, boundary_faces};
 use crate::rig::{
     Articulation, Base, Configuration, EntryKind, JointId, JointSetup, Pose, RigError, RootKind, Skeleton, Value,
@@ -73,6 +75,23 @@ pub(super) struct CoupledState<R> {
     pub mass: f64,
     pub reaction: Vec<JointReaction>,
     pub staggered: Option<Staggered>,
+    /// Force that bound flesh exerts at each node [N]: staggered coupling only.
+    pub load: Vec<[f64; 3]>,
+    /// Springs of the present step.
+    pub pulls: Vec<PointSpring>,
+    pub drags: Vec<JointSpring>,
+    /// The pose at the start of the frame, and a spare one.
+    pub pose_before: Pose,
+    pub led: Pose,
+    pub step: StepStart<R>,
+}
+
+/// Where a step starts, and the bones before and after it.
+pub(super) struct StepStart<R> {
+    pub state: State<R>,
+    pub pose: Pose,
+    pub from: Drive,
+    pub to: Drive,
 }
 
 /// What changes from step to step.
@@ -86,6 +105,11 @@ pub(super) struct Moving {
     /// Place of each bone's joint before the last step, and the pull of the flesh on it in that step: staggered coupling only.
     pub previous: Vec<[f64; 3]>,
     pub pull: Vec<[f64; 3]>,
+    /// How far each joint moved in the last step; how often in a row that grew and changed sides; and what forces are
+    /// multiplied by since it last did so too often: staggered coupling only.
+    pub moved: Vec<[f64; 3]>,
+    pub reversals: f64,
+    pub calmed: f64,
     /// Largest rate at which a bone turned in the last step [rad/s].
     pub turn_rate: f64,
     /// Largest speed of a bound node in the last step [m/s].
@@ -130,6 +154,17 @@ impl<R: Scalar> CoupledState<R> {
             mass: mass.iter().map(|m| m.to_f64()).sum(),
             reaction: vec![JointReaction::default(); skeleton.joint_count()],
             staggered: None,
+            load: Vec::new(),
+            pulls: Vec::new(),
+            drags: Vec::new(),
+            pose_before: Pose::default(),
+            led: Pose::default(),
+            step: StepStart {
+                state: State::at_rest(Vec::new()),
+                pose: Pose::default(),
+                from: Drive::default(),
+                to: Drive::default(),
+            },
         })
     }
 }
@@ -180,6 +215,18 @@ fn leads<R: Scalar>(
 }
 
 impl Moving {
+    /// Becomes another, in the memory that is there.
+    pub fn copy(&mut self, other: &Self) {
+        self.configuration.values.clone_from(&other.configuration.values);
+        self.deviation.clone_from(&other.deviation);
+        self.anchors.clone_from(&other.anchors);
+        self.previous.clone_from(&other.previous);
+        self.pull.clone_from(&other.pull);
+        self.moved.clone_from(&other.moved);
+        (self.reversals, self.calmed) = (other.reversals, other.calmed);
+        (self.turn_rate, self.speed) = (other.turn_rate, other.speed);
+    }
+
     /// As bytes for a checkpoint.
     pub fn write(&self, out: &mut Vec<u8>) {
         for value in &self.configuration.values {
@@ -194,7 +241,9 @@ impl Moving {
             anchor.unwrap_or([f64::NAN; 3]).iter().for_each(|v| put(out, *v));
         }
         put(out, self.previous.len() as f64);
-        self.previous.iter().chain(&self.pull).flatten().for_each(|v| put(out, *v));
+        self.previous.iter().chain(&self.pull).chain(&self.moved).flatten().for_each(|v| put(out, *v));
+        put(out, self.reversals);
+        put(out, self.calmed);
         put(out, self.turn_rate);
         put(out, self.speed);
     }
@@ -223,9 +272,10 @@ impl Moving {
         // as many joints as a skeleton may have, or none before the first step
         let count = take(1)?[0];
         let count = if (0.0..1e6).contains(&count) { count as usize } else { return None };
-        for list in [&mut out.previous, &mut out.pull] {
+        for list in [&mut out.previous, &mut out.pull, &mut out.moved] {
             *list = take(3 * count)?.as_chunks::<3>().0.to_vec();
         }
+        (out.reversals, out.calmed) = (take(1)?[0], take(1)?[0]);
         (out.turn_rate, out.speed) = (take(1)?[0], take(1)?[0]);
         rest.is_empty().then_some(out)
     }

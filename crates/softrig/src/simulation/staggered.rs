@@ -2,11 +2,11 @@
 //! the joints by Verlet's rule, inverse kinematics makes a pose of where they want to be, and flesh follows that pose.
 //!
 //! Stable only while forces count for less than they are: s at most 0.75 L / (c h), with the speed of sound c of the flesh and the
-//! size L of the chain; half of that is used. Motion is damped by 4 s a second, or it would never end.
+//! size L of the chain; half of that is used. Motion is damped by 4 s a second, or it would never end. Where joints still swing to
+//! the other side further every time, four times in a row, forces count for half as much from then on.
 
-use super::coupling::{CoupledState, JointReaction};
+use super::coupling::{CoupledState, Moving};
 use super::drive::Drive;
-use super::event::{Action, along};
 use super::{FrameReport, Simulation};
 use crate::couple::{PointSpring, joint_masses, nearest_bone};
 use crate::integrate::StepError;
@@ -19,6 +19,8 @@ use softrig_linalg::Scalar;
 const FORCE_SHARE: (f64, f64) = (0.4, 0.5);
 /// Damping of joints over the force factor [1/s].
 const DAMPING: f64 = 4.0;
+/// So many swings to the other side in a row, each further than the one before, are an instability.
+const REVERSALS: f64 = 4.0;
 /// How much more a dragged joint counts than others.
 const DRAG_WEIGHT: f64 = 10.0;
 
@@ -71,6 +73,24 @@ impl Staggered {
     }
 }
 
+impl Moving {
+    /// Do joints swing to the other side, further every time? Then forces shall count for less.
+    fn watch(&mut self, now: &[DVec3]) {
+        let (mut across, mut size, mut before) = (0.0, 0.0, 0.0);
+        for ((p, previous), moved) in now.iter().zip(&self.previous).zip(&mut self.moved) {
+            let (step, last) = (*p - DVec3::from(*previous), DVec3::from(*moved));
+            across += step.dot(last);
+            size += step.length_squared();
+            before += last.length_squared();
+            *moved = step.into();
+        }
+        self.reversals = if across < 0.0 && size > before { self.reversals + 1.0 } else { 0.0 };
+        if self.reversals >= REVERSALS {
+            (self.calmed, self.reversals) = (0.5 * self.calmed, 0.0);
+        }
+    }
+}
+
 impl<R: Scalar> Simulation<R> {
     /// A spring on the flesh as a force, no stiffer than an explicit step stands.
     fn add_pull(&mut self, pull: &PointSpring, dt: f64) {
@@ -98,7 +118,7 @@ impl<R: Scalar> Simulation<R> {
         report: &mut FrameReport,
     ) -> Result<(), StepError> {
         let dt = t - self.state.time;
-        let (pulls, _) = self.forces(c, t, dt);
+        self.forces(c, t, dt);
         let size = self.height.max(1e-3);
         let factor = (FORCE_SHARE.0 * size / (self.wave_speed * dt)).min(FORCE_SHARE.1);
         let kept = (-DAMPING / FORCE_SHARE.1 * factor * dt).exp();
@@ -106,7 +126,11 @@ impl<R: Scalar> Simulation<R> {
         if c.now.previous.len() != now.len() {
             c.now.previous = now.iter().map(|p| p.to_array()).collect();
             c.now.pull = vec![[0.0; 3]; now.len()];
+            c.now.moved = vec![[0.0; 3]; now.len()];
+            (c.now.reversals, c.now.calmed) = (0.0, 1.0);
         }
+        c.now.watch(&now);
+        let factor = factor * c.now.calmed;
         let mut goals = Vec::with_capacity(now.len());
         for (k, &joint) in scheme.joints.iter().enumerate() {
             let drive = c.articulation.setup(joint).drive;
@@ -118,14 +142,10 @@ impl<R: Scalar> Simulation<R> {
             let led = DVec3::from(c.base.world(joint).translation);
             goals.push(Goal { joint, position: free.lerp(led, drive).into(), weight: 1.0 });
         }
-        for event in c.events.iter().filter(|e| e.acts(t)) {
-            if let Action::DragJoint { joint, path, .. } = &event.action
-                && let Some((target, _)) = along(path, t)
-            {
-                let at = DVec3::from(self.pose.joint(*joint).translation);
-                let position = at + (DVec3::from(target) - at).clamp_length_max(0.3 * size);
-                goals.push(Goal { joint: *joint, position: position.into(), weight: DRAG_WEIGHT });
-            }
+        for drag in &c.drags {
+            let at = DVec3::from(self.pose.joint(drag.joint).translation);
+            let position = at + (DVec3::from(drag.target) - at).clamp_length_max(drag.longest);
+            goals.push(Goal { joint: drag.joint, position: position.into(), weight: DRAG_WEIGHT });
         }
         let settings = IkSettings { length: scheme.longest.max(1e-3), ..IkSettings::default() };
         let mut configuration = c.now.configuration.clone();
@@ -134,7 +154,7 @@ impl<R: Scalar> Simulation<R> {
         c.articulation.pose_into(&self.skeleton, &c.base, &configuration, &mut pose);
         let drive = Drive::new(&self.skeleton, &self.binding, &pose);
         self.set_targets(&drive, dt);
-        for pull in &pulls {
+        for pull in &c.pulls {
             self.add_pull(pull, dt);
         }
         let set: Vec<[R; 3]> = self.scratch.external_force.clone();
@@ -145,14 +165,16 @@ impl<R: Scalar> Simulation<R> {
         self.state.time = t;
         // what the flesh does to the bones, shared between the ends of each
         c.now.pull.iter_mut().for_each(|f| *f = [0.0; 3]);
+        c.load.clear();
+        c.load.resize(set.len(), [0.0; 3]);
         for &(n, a, b, w) in &scheme.carried {
             for k in 0..3 {
                 let f = set[n][k].to_f64() - self.output.reaction[n][k].to_f64();
+                c.load[n][k] = f;
                 c.now.pull[a][k] += (1.0 - w) * f;
                 c.now.pull[b][k] += w * f;
             }
         }
-        c.reaction.fill(JointReaction::default());
         Ok(())
     }
 }

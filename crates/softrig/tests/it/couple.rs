@@ -15,58 +15,82 @@ const SIDES: usize = 24;
 
 /// A limb along X from -0.3 to 0.3 m, radius 6 cm, with its joint at the origin and weights that change over three radii.
 pub fn limb() -> Character {
-    let mut positions = Vec::new();
-    let mut weights = SkinWeights::default();
-    for r in 0..RINGS {
-        let x = HALF * (2.0 * r as f64 / (RINGS - 1) as f64 - 1.0);
+    let mut skin = Tubes::default();
+    skin.add(-HALF, HALF, RINGS, |x| (0.5 + 0.5 * x / (1.5 * RADIUS)).clamp(0.0, 1.0) as f32);
+    skin.on_two_bones("limb")
+}
+
+/// Two stumps of a limb with a gap of 6 cm between them at the joint, each on a bone of its own: nothing but the joint holds the second.
+pub fn stumps() -> Character {
+    let mut skin = Tubes::default();
+    skin.add(-HALF, -0.03, RINGS / 2, |_| 0.0);
+    skin.add(0.03, HALF, RINGS / 2, |_| 1.0);
+    skin.on_two_bones("stumps")
+}
+
+/// Closed tubes along X.
+#[derive(Default)]
+struct Tubes {
+    positions: Vec<[f64; 3]>,
+    triangles: Vec<[u32; 3]>,
+    weights: SkinWeights,
+}
+
+impl Tubes {
+    /// A tube from `from` to `to`, with the weight of the second bone as a function of x.
+    fn add(&mut self, from: f64, to: f64, rings: usize, second: impl Fn(f64) -> f32) {
+        let first = self.positions.len();
+        let mut put = |p: [f64; 3]| {
+            let w = second(p[0]);
+            self.weights.push([(JointId(0), 1.0 - w), (JointId(1), w)]);
+            self.positions.push(p);
+            self.positions.len() as u32 - 1
+        };
+        for r in 0..rings {
+            let x = from + (to - from) * r as f64 / (rings - 1) as f64;
+            for s in 0..SIDES {
+                let a = std::f64::consts::TAU * s as f64 / SIDES as f64;
+                put([x, RADIUS * a.cos(), RADIUS * a.sin()]);
+            }
+        }
+        let centres = [put([from, 0.0, 0.0]), put([to, 0.0, 0.0])];
+        let at = |r: usize, s: usize| (first + r * SIDES + s % SIDES) as u32;
+        for r in 0..rings - 1 {
+            for s in 0..SIDES {
+                self.triangles.push([at(r, s), at(r + 1, s), at(r, s + 1)]);
+                self.triangles.push([at(r + 1, s), at(r + 1, s + 1), at(r, s + 1)]);
+            }
+        }
         for s in 0..SIDES {
-            let a = std::f64::consts::TAU * s as f64 / SIDES as f64;
-            positions.push([x, RADIUS * a.cos(), RADIUS * a.sin()]);
-            let w = (0.5 + 0.5 * x / (1.5 * RADIUS)).clamp(0.0, 1.0) as f32;
-            weights.push([(JointId(0), 1.0 - w), (JointId(1), w)]);
+            self.triangles.push([centres[0], at(0, s), at(0, s + 1)]);
+            self.triangles.push([centres[1], at(rings - 1, s + 1), at(rings - 1, s)]);
         }
     }
-    let mut triangles = Vec::new();
-    let at = |r: usize, s: usize| (r * SIDES + s % SIDES) as u32;
-    for r in 0..RINGS - 1 {
-        for s in 0..SIDES {
-            triangles.push([at(r, s), at(r + 1, s), at(r, s + 1)]);
-            triangles.push([at(r + 1, s), at(r + 1, s + 1), at(r, s + 1)]);
+
+    fn on_two_bones(self, name: &str) -> Character {
+        let joint = |name: &str, parent: Option<u32>, x: f64, world: f64| Joint {
+            name: name.into(),
+            parent: parent.map(JointId),
+            local: Transform { translation: [x, 0.0, 0.0], ..Transform::default() },
+            local_matrix: None,
+            rest: Affine::from_translation([world, 0.0, 0.0]),
+        };
+        let joints = vec![joint("upper", None, -HALF, -HALF), joint("lower", Some(0), HALF, 0.0)];
+        Character {
+            name: name.into(),
+            meshes: vec![CharacterMesh {
+                name: "skin".into(),
+                positions: self.positions,
+                triangles: self.triangles,
+                skin: Skin::Weighted(self.weights),
+                ..CharacterMesh::default()
+            }],
+            skeleton: Skeleton::new(joints, Affine::IDENTITY).unwrap(),
+            clips: Vec::new(),
+            looks: Vec::new(),
+            textures: Vec::new(),
+            notes: Vec::new(),
         }
-    }
-    for (ring, x, joint) in [(0, -HALF, 0), (RINGS - 1, HALF, 1)] {
-        let centre = positions.len() as u32;
-        positions.push([x, 0.0, 0.0]);
-        weights.push([(JointId(joint), 1.0)]);
-        for s in 0..SIDES {
-            let (a, b) = (at(ring, s), at(ring, s + 1));
-            triangles.push(if ring == 0 { [centre, a, b] } else { [centre, b, a] });
-        }
-    }
-    let joint = |name: &str, parent: Option<u32>, x: f64, world: f64| Joint {
-        name: name.into(),
-        parent: parent.map(JointId),
-        local: Transform { translation: [x, 0.0, 0.0], ..Transform::default() },
-        local_matrix: None,
-        rest: Affine::from_translation([world, 0.0, 0.0]),
-    };
-    let skeleton =
-        Skeleton::new(vec![joint("upper", None, -HALF, -HALF), joint("lower", Some(0), HALF, 0.0)], Affine::IDENTITY)
-            .unwrap();
-    Character {
-        name: "limb".into(),
-        meshes: vec![CharacterMesh {
-            name: "skin".into(),
-            positions,
-            triangles,
-            skin: Skin::Weighted(weights),
-            ..CharacterMesh::default()
-        }],
-        skeleton,
-        clips: Vec::new(),
-        looks: Vec::new(),
-        textures: Vec::new(),
-        notes: Vec::new(),
     }
 }
 

@@ -4,6 +4,7 @@
 mod support;
 
 mod analytic;
+mod chain;
 mod couple;
 mod cycles;
 mod exchange;
@@ -12,4 +13,5 @@ mod hard;
 mod mesh;
 mod multigrid;
 mod rig;
+mod staggered;
 mod twoway;

@@ -2,6 +2,7 @@
 
 use glam::{DMat3, DQuat, DVec3};
 use serde_json::Value as Json;
+use softrig::couple::{BoneMotion, blend_point, joint_masses, nearest_bone};
 use softrig::rig::ik::{Goal, IkMethod, IkSettings, reach};
 use softrig::rig::{
     Affine, Articulation, Base, Configuration, Joint, JointId, JointKind, JointSetup, Pose, RigError, RootKind,
@@ -305,4 +306,58 @@ fn setups_that_make_no_sense_are_refused_by_name() {
         chain(&[0.4], |i| Transform { scale: if i == 0 { [1.0, 2.0, 1.0] } else { [1.0; 3] }, ..Transform::default() });
     let setups = vec![JointSetup::default(), hinge([-1.0, 1.0])];
     assert!(matches!(Articulation::new(&squeezed, setups, &[], RootKind::Driven), Err(RigError::Unmovable { .. })));
+}
+
+/// Masses of joints and where nodes project to, against plain loops over a bar of Kuhn's tetrahedra; a rigid bone frame against the
+/// rotation it was made with.
+#[test]
+fn joints_get_the_mass_of_what_projects_to_their_bones() {
+    let golden: Json = serde_json::from_str(include_str!("../golden/binding.json")).unwrap();
+    let place: Vec<[f64; 3]> = golden["J"].as_array().unwrap().iter().map(vector).collect();
+    let bones = [[0, 1], [1, 2]];
+    let at = |i: [usize; 3]| (i[0] * 3 + i[1]) * 3 + i[2];
+    let (mut nodes, mut mass) = (vec![[0.0; 3]; 63], vec![0.0; 63]);
+    for x in 0..7 {
+        for y in 0..3 {
+            for z in 0..3 {
+                nodes[at([x, y, z])] = [0.1 * x as f64, 0.1 * y as f64, 0.1 * z as f64];
+            }
+        }
+    }
+    // six tetrahedra around the diagonal of each cube, one for each order of the axes
+    for cube in 0..24 {
+        let corner = [cube / 4, cube / 2 % 2, cube % 2];
+        for order in [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]] {
+            let mut p = corner;
+            mass[at(p)] += 1.0 / 24.0;
+            for axis in order {
+                p[axis] += 1;
+                mass[at(p)] += 1.0 / 24.0;
+            }
+        }
+    }
+    let found = joint_masses(&place, &bones, &nodes, &mass);
+    for (m, expected) in found.mass.iter().zip(numbers(&golden["joint_mass"])) {
+        assert!((m - expected).abs() < 1e-10, "{found:?}");
+    }
+    assert!((found.unassigned - golden["unassigned_mass"].as_f64().unwrap()).abs() < 1e-10, "{found:?}");
+    let bound = golden["bound"].as_array().unwrap();
+    for case in bound {
+        let n = case["vertex"].as_u64().unwrap() as usize;
+        let (bone, w) = nearest_bone(&place, &bones, nodes[n]).unwrap();
+        assert_eq!(bone as u64, case["bone"].as_u64().unwrap(), "{case}");
+        assert!((w - case["w"].as_f64().unwrap()).abs() < 1e-12, "{case} {w}");
+    }
+    assert_eq!(bound.len(), 22);
+    let example = &golden["rigid_example"];
+    let rows: Vec<[f64; 3]> = example["R"].as_array().unwrap().iter().map(vector).collect();
+    let linear = DMat3::from_cols(rows[0].into(), rows[1].into(), rows[2].into()).transpose();
+    let joint = DVec3::from(place[1]);
+    let map = Affine { linear: [rows[0], rows[1], rows[2]], translation: (joint - linear * joint).into() };
+    let motion = [BoneMotion::new(&map, place[1])];
+    for case in example["verts"].as_array().unwrap() {
+        let n = case["vertex"].as_u64().unwrap() as usize;
+        let is = DVec3::from(blend_point(&motion, &[(0, 1.0)], nodes[n]));
+        assert!(is.distance(DVec3::from(vector(&case["rigid"]))) < 1e-12, "{case} {is}");
+    }
 }

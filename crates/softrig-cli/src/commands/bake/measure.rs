@@ -122,7 +122,8 @@ impl Measures {
         let distance = |a: [f64; 3], b: [f64; 3]| length([a[0] - b[0], a[1] - b[1], a[2] - b[2]]);
         for bone in binding.bones.iter().filter(|b| !free.contains(&b.joint)) {
             let joint = skeleton.joint(bone.joint);
-            let Some(parent) = joint.parent else { continue };
+            // a root's offset from what carries no flesh is no bone
+            let Some(parent) = joint.parent.filter(|p| binding.bones.iter().any(|b| b.joint == *p)) else { continue };
             let rest = distance(joint.rest.translation, skeleton.joint(parent).rest.translation);
             // joints on top of each other have no length to compare with
             if rest > 1e-3 * height {
@@ -250,6 +251,33 @@ mod tests {
         let (error, change) = measure(&skeleton.pose(&stretched), &still);
         assert!((error - 0.1).abs() < 1e-6 && change < 1e-6, "{error} {change}");
         assert!(binding.bones.len() > 5);
+    }
+
+    /// A root that the clip moves away from a joint without flesh stretches no bone.
+    #[test]
+    fn a_root_is_no_bone_of_what_carries_it() {
+        let mut character = softrig::sample::character();
+        let joints = character.skeleton.joints();
+        let root = joints.iter().position(|j| j.parent.is_none()).unwrap();
+        let mut joints = joints.to_vec();
+        let mut scene = joints[root].clone();
+        scene.name = "scene".into();
+        scene.local = Transform { translation: [0.0, -1.0, 0.0], ..Transform::default() };
+        scene.rest = scene.local.to_affine();
+        joints[root].parent = Some(JointId(joints.len() as u32));
+        joints[root].local.translation[1] += 1.0;
+        joints.push(scene);
+        let to_world = *character.skeleton.to_world();
+        character.skeleton = Skeleton::new(joints, to_world).unwrap();
+        let options = LatticeOptions { resolution: Resolution::Cells(1000), ..LatticeOptions::default() };
+        let volume = voxelize(&character.surface(true), &options).unwrap();
+        let binding = Binding::new(&character, &volume, &BindSettings::default()).unwrap();
+        let skeleton = &character.skeleton;
+        let mut locals: Vec<Transform> = skeleton.joints().iter().map(|j| j.local).collect();
+        locals[root].translation[0] += 0.5;
+        let mut measures = Measures::default();
+        measures.add_pose(skeleton, &binding, &skeleton.pose(&locals), &locals, character.height(), &[]);
+        assert!(measures.clip_bone_length_change_max < 1e-9, "{}", measures.clip_bone_length_change_max);
     }
 
     /// A slow frame of many steps is not a slow step.

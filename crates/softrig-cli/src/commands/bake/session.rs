@@ -182,6 +182,7 @@ fn bake<R: Scalar>(
         stiffened_max: stiffened.factor,
         two_way: scene.coupling.two_way,
         joint_unknowns: subject.joint_unknowns(),
+        unassigned_mass_kg: subject.unassigned_mass(),
         morph_error_max: exported.morphs.as_ref().map(|m| m.error),
         peak_rss_mib: peak_rss_mib().unwrap_or(0.0),
         setup_seconds: setup.as_secs_f64(),

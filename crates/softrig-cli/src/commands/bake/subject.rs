@@ -59,6 +59,9 @@ pub trait Subject {
 
     /// Unknowns of the skeleton.
     fn joint_unknowns(&self) -> usize;
+
+    /// Mass that projects to no bone [kg].
+    fn unassigned_mass(&self) -> f64;
 }
 
 /// The flesh of a character.
@@ -107,6 +110,10 @@ impl<R: Scalar> Subject for Flesh<R> {
 
     fn joint_unknowns(&self) -> usize {
         self.0.joint_unknowns()
+    }
+
+    fn unassigned_mass(&self) -> f64 {
+        self.0.unassigned_mass()
     }
 }
 
@@ -235,5 +242,9 @@ impl Subject for Things {
 
     fn joint_unknowns(&self) -> usize {
         0
+    }
+
+    fn unassigned_mass(&self) -> f64 {
+        0.0
     }
 }

@@ -1,0 +1,459 @@
+//! Conjugate gradients on nodes and joints together.
+//!
+//! ```text
+//! [ A_ff      A_fb J          ] [d]   [r_f]
+//! [ Jᵀ A_bf   Jᵀ A_bb J + Q   ] [q] = [r_q]
+//! ```
+//!
+//! Flesh is counted from where its bones take it: d = d' + W q with W the share of the bones' motion of [`super::follow`]. In these
+//! unknowns flesh and joints hardly meet, and what is left between them, B = (A W) at the free nodes, is eliminated approximately:
+//! with M for a multigrid cycle on A_ff and E = Wᵀ A W + Q,
+//!
+//! ```text
+//! q1 = E⁻¹ g;   d' = M (r_f − B q1);   q = q1 − E⁻¹ Bᵀ d'
+//! ```
+//!
+//! is a symmetric preconditioner of one cycle and no further product, whatever E and B lag behind by. Without W every unknown of
+//! the skeleton would cost an iteration.
+//!
+//! The iteration runs in f32. Its result is added to the solution in f64, and as often as the true residual there is not small
+//! enough, it runs again on what is left.
+
+use super::binding::Binding;
+use super::jacobian::{JointJacobian, NodeJacobian, Role};
+use super::pull::PointSpring;
+use super::rows::{BoneRows, Partial, Wide6, wide6};
+use crate::rig::dense::Cholesky;
+use rayon::prelude::*;
+use softrig_linalg::solver::{Operator, Preconditioner};
+use softrig_linalg::{BlockCsr, Mat3, Scalar, par};
+
+/// Nodes per task.
+const CHUNK: usize = 1024;
+/// More iterations than this are never worth it: the next linearisation starts from what there is.
+const MOST_ITERATIONS: usize = 400;
+/// The residual of a pass is believed down to this share of where it started: some fifty roundings.
+const BELIEVED: f64 = 50.0 * f32::EPSILON as f64;
+
+/// A vector over nodes (zero at all but free ones) and unknowns of the skeleton.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Pair {
+    pub node: Vec<[f64; 3]>,
+    pub joint: Vec<f64>,
+}
+
+impl Pair {
+    pub fn resize(&mut self, nodes: usize, unknowns: usize) {
+        self.node.clear();
+        self.node.resize(nodes, [0.0; 3]);
+        self.joint.clear();
+        self.joint.resize(unknowns, 0.0);
+    }
+
+    /// Size of a residual [N]: torques count as forces at `length` [m].
+    pub fn size(&self, length: f64) -> f64 {
+        let nodes =
+            par::sum(self.node.len(), |r| self.node[r].iter().map(|a| a[0] * a[0] + a[1] * a[1] + a[2] * a[2]).sum());
+        (nodes + self.joint.iter().map(|t| t * t).sum::<f64>() / (length * length)).sqrt()
+    }
+}
+
+/// A vector of the iteration.
+#[derive(Clone, Debug, Default)]
+struct Light {
+    node: Vec<[f32; 4]>,
+    joint: Vec<f64>,
+}
+
+impl Light {
+    fn resize(&mut self, nodes: usize, unknowns: usize) {
+        self.node.clear();
+        self.node.resize(nodes, [0.0; 4]);
+        self.joint.clear();
+        self.joint.resize(unknowns, 0.0);
+    }
+
+    fn dot(&self, other: &Self) -> f64 {
+        let nodes = par::sum(self.node.len(), |r| {
+            let pairs = self.node[r.clone()].iter().zip(&other.node[r]);
+            pairs.map(|(a, b)| (0..3).map(|k| f64::from(a[k]) * f64::from(b[k])).sum::<f64>()).sum()
+        });
+        nodes + self.joint.iter().zip(&other.joint).map(|(a, b)| a * b).sum::<f64>()
+    }
+
+    /// self += a other.
+    fn add(&mut self, a: f64, other: &Self) {
+        let factor = a as f32;
+        self.node.par_chunks_mut(CHUNK).zip(other.node.par_chunks(CHUNK)).for_each(|(x, y)| {
+            for (x, y) in x.iter_mut().zip(y) {
+                (0..4).for_each(|k| x[k] += factor * y[k]);
+            }
+        });
+        self.joint.iter_mut().zip(&other.joint).for_each(|(x, y)| *x += a * y);
+    }
+
+    /// self = other + b self.
+    fn direction(&mut self, b: f64, other: &Self) {
+        let factor = b as f32;
+        self.node.par_chunks_mut(CHUNK).zip(other.node.par_chunks(CHUNK)).for_each(|(x, y)| {
+            for (x, y) in x.iter_mut().zip(y) {
+                (0..4).for_each(|k| x[k] = y[k] + factor * x[k]);
+            }
+        });
+        self.joint.iter_mut().zip(&other.joint).for_each(|(x, y)| *x = y + b * *x);
+    }
+}
+
+/// The parts of a coupled system.
+pub(crate) struct Parts<'a, R> {
+    /// A, for true residuals and for the iteration.
+    pub exact: &'a mut Operator<f64>,
+    pub light: &'a mut Operator<f32>,
+    pub preconditioner: Option<&'a mut dyn Preconditioner<R>>,
+    pub binding: &'a Binding,
+    pub role: &'a [Role],
+    pub nodes: &'a mut NodeJacobian,
+    pub joints: &'a JointJacobian,
+    /// W of free nodes, J of bound ones.
+    pub along: &'a BoneRows,
+    /// B, in the axes of each node's own bone on the left and of the bones on the right.
+    pub between: &'a BoneRows,
+    /// Added to the diagonal of A at each node.
+    pub shift: &'a [f64],
+    pub springs: &'a [PointSpring],
+    /// Q, full rows.
+    pub joint_matrix: &'a [f64],
+    /// E.
+    pub coarse: &'a Cholesky,
+}
+
+/// Memory of the iteration.
+#[derive(Debug, Default)]
+pub(crate) struct Krylov {
+    /// The solution; also where the iteration starts.
+    pub x: Pair,
+    /// Its true residual.
+    left: Pair,
+    d: Light,
+    r: Light,
+    z: Light,
+    p: Light,
+    q: Light,
+    twist: Vec<[f64; 6]>,
+    wrench: Vec<[f64; 6]>,
+    wide: Vec<Wide6>,
+    partial: Partial,
+    /// Joint corrections before and after the flesh.
+    first: Vec<f64>,
+    second: Vec<f64>,
+    packed: [Vec<[f32; 4]>; 2],
+    image: Vec<[f64; 3]>,
+    /// Free nodes and their inverted diagonal blocks, where there is no cycle.
+    free: Vec<u32>,
+    inverse: Vec<[[f32; 3]; 3]>,
+}
+
+/// What an iteration came to.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Solved {
+    pub iterations: usize,
+    /// Size of the residual [N].
+    pub residual: f64,
+    pub converged: bool,
+}
+
+impl Krylov {
+    /// Makes room, and starts from zero.
+    pub fn start(&mut self, nodes: usize, unknowns: usize, bones: usize) {
+        self.x.resize(nodes, unknowns);
+        self.left.resize(nodes, unknowns);
+        for v in [&mut self.d, &mut self.r, &mut self.z, &mut self.p, &mut self.q] {
+            v.resize(nodes, unknowns);
+        }
+        for v in [&mut self.twist, &mut self.wrench] {
+            v.resize(bones, [0.0; 6]);
+        }
+        self.image.resize(nodes, [0.0; 3]);
+    }
+
+    /// Inverts the diagonal blocks, for systems without another preconditioner.
+    pub fn load_diagonal<R: Scalar>(&mut self, matrix: &BlockCsr<R>, role: &[Role]) {
+        let pattern = &matrix.pattern;
+        self.free.clear();
+        self.free.extend((0..role.len() as u32).filter(|n| role[*n as usize] == Role::Free));
+        self.inverse.clear();
+        self.inverse.extend(self.free.iter().map(|n| {
+            let m = matrix.values[pattern.diagonal()[*n as usize] as usize].map(Scalar::to_f64);
+            let block = Mat3([[m[0], m[1], m[2]], [m[3], m[4], m[5]], [m[6], m[7], m[8]]]);
+            let inverse = block.inverse().0.map(|row| row.map(|v| v as f32));
+            if inverse.iter().flatten().all(|v| v.is_finite()) { inverse } else { [[0.0; 3]; 3] }
+        }));
+    }
+
+    /// Moves the solution by a change of the skeleton's unknowns, flesh along.
+    pub fn turn<R: Scalar>(&mut self, parts: &Parts<'_, R>, change: &[f64]) {
+        self.x.joint.iter_mut().zip(change).for_each(|(x, c)| *x += c);
+        parts.joints.twists(change, &mut self.twist);
+        self.wide.clear();
+        self.wide.extend(self.twist.iter().map(wide6));
+        let (wide, role) = (&self.wide, parts.role);
+        self.x.node.par_chunks_mut(CHUNK).enumerate().for_each(|(c, x)| {
+            for (k, x) in x.iter_mut().enumerate().filter(|(k, _)| role[c * CHUNK + k] == Role::Free) {
+                let moved = parts.along.moved(c * CHUNK + k, wide);
+                (0..3).for_each(|k| x[k] += f64::from(moved[k]));
+            }
+        });
+    }
+
+    /// left = rhs − (system) x in f64. Returns its size.
+    fn true_residual<R: Scalar>(&mut self, parts: &mut Parts<'_, R>, rhs: &Pair, length: f64) -> f64 {
+        let n = self.x.joint.len();
+        parts.joints.twists(&self.x.joint, &mut self.twist);
+        let (x, nodes, twist, role) = (&self.x.node, &*parts.nodes, &self.twist, parts.role);
+        parts.exact.input().par_chunks_mut(CHUNK).enumerate().for_each(|(c, to)| {
+            for (k, to) in to.iter_mut().enumerate() {
+                let n = c * CHUNK + k;
+                let v = match role[n] {
+                    Role::Free => x[n],
+                    Role::Bound => nodes.moved(parts.binding, n, twist),
+                    Role::Held => [0.0; 3],
+                };
+                *to = [v[0], v[1], v[2], 0.0];
+            }
+        });
+        parts.exact.product();
+        for s in parts.springs {
+            let f = s.point_of(|n| parts.exact.both().0[n]).map(|v| v * s.effective);
+            s.nodes.iter().for_each(|(n, w)| parts.exact.add(*n as usize, f.map(|f| w * f)));
+        }
+        let ((x, y), shift) = (parts.exact.both(), parts.shift);
+        self.image.par_chunks_mut(CHUNK).enumerate().for_each(|(c, to)| {
+            for (k, to) in to.iter_mut().enumerate() {
+                let n = c * CHUNK + k;
+                *to = std::array::from_fn(|k| y[n][k] + shift[n] * x[n][k]);
+            }
+        });
+        parts.nodes.gather(parts.binding, parts.role, Role::Bound, &self.image, &mut self.wrench);
+        for i in 0..n {
+            self.left.joint[i] = (0..n).map(|j| parts.joint_matrix[i * n + j] * self.x.joint[j]).sum();
+        }
+        parts.joints.collect(&self.wrench, &mut self.left.joint);
+        self.left.joint.iter_mut().zip(&rhs.joint).for_each(|(l, b)| *l = b - *l);
+        let image = &self.image;
+        self.left.node.par_chunks_mut(CHUNK).enumerate().for_each(|(c, to)| {
+            for (k, to) in to.iter_mut().enumerate() {
+                let n = c * CHUNK + k;
+                let free = role[n] == Role::Free;
+                *to = if free { std::array::from_fn(|k| rhs.node[n][k] - image[n][k]) } else { [0.0; 3] };
+            }
+        });
+        self.left.size(length)
+    }
+
+    /// q = (system) p, flesh counted from where its bones take it.
+    fn multiply<R: Scalar>(&mut self, parts: &mut Parts<'_, R>) {
+        let n = self.p.joint.len();
+        parts.joints.twists(&self.p.joint, &mut self.twist);
+        self.wide.clear();
+        self.wide.extend(self.twist.iter().map(wide6));
+        let (p, wide, along, role) = (&self.p.node, &self.wide, parts.along, parts.role);
+        parts.light.input().par_chunks_mut(CHUNK).enumerate().for_each(|(c, to)| {
+            for (k, to) in to.iter_mut().enumerate() {
+                let n = c * CHUNK + k;
+                let m = along.moved(n, wide);
+                *to = [p[n][0] + m[0], p[n][1] + m[1], p[n][2] + m[2], 0.0];
+            }
+        });
+        parts.light.product();
+        for s in parts.springs {
+            let f = s.point_of(|n| parts.light.both().0[n].map(f64::from)).map(|v| v * s.effective);
+            s.nodes.iter().for_each(|(n, w)| parts.light.add(*n as usize, f.map(|f| (w * f) as f32)));
+        }
+        let ((x, y), shift) = (parts.light.both(), parts.shift);
+        let force = |n: usize| -> [f32; 3] {
+            let s = shift[n] as f32;
+            std::array::from_fn(|k| y[n][k] + s * x[n][k])
+        };
+        along.gather(y.len(), |n| (n, force(n)), &mut self.partial, &mut self.wrench);
+        for i in 0..n {
+            self.q.joint[i] = (0..n).map(|j| parts.joint_matrix[i * n + j] * self.p.joint[j]).sum();
+        }
+        parts.joints.collect(&self.wrench, &mut self.q.joint);
+        self.q.node.par_chunks_mut(CHUNK).enumerate().for_each(|(c, to)| {
+            for (k, to) in to.iter_mut().enumerate() {
+                let n = c * CHUNK + k;
+                *to = if role[n] == Role::Free { y[n] } else { [0.0; 4] };
+            }
+        });
+    }
+
+    /// z = (preconditioner) r.
+    fn precondition<R: Scalar>(&mut self, parts: &mut Parts<'_, R>) {
+        let coupled = !self.r.joint.is_empty();
+        self.first.clone_from(&self.r.joint);
+        parts.coarse.solve(&mut self.first);
+        self.wide.clear();
+        if coupled {
+            parts.joints.twists(&self.first, &mut self.twist);
+            let own = self.twist.iter().zip(&parts.nodes.rotation);
+            self.wide.extend(own.map(|(t, r)| wide6(&turned(t, r, true))));
+        }
+        let [r, z] = &mut self.packed;
+        let free = parts.preconditioner.as_ref().map_or(&self.free[..], |c| c.free_nodes());
+        r.resize(free.len(), [0.0; 4]);
+        z.resize(free.len(), [0.0; 4]);
+        let (from, wide, between, frame) = (&self.r.node, &self.wide, parts.between, &parts.nodes.frame);
+        let owner = &parts.binding.owner;
+        r.par_chunks_mut(CHUNK).zip(free.par_chunks(CHUNK)).for_each(|(r, free)| {
+            for (r, n) in r.iter_mut().zip(free) {
+                let n = *n as usize;
+                *r = from[n];
+                if coupled {
+                    let f = times(&frame[owner[n] as usize], between.moved(n, wide));
+                    (0..3).for_each(|k| r[k] -= f[k]);
+                }
+            }
+        });
+        match &mut parts.preconditioner {
+            Some(cycle) => cycle.apply(r, z),
+            None => {
+                for ((z, r), m) in z.iter_mut().zip(r.iter()).zip(&self.inverse) {
+                    (0..3).for_each(|k| z[k] = m[k][0] * r[0] + m[k][1] * r[1] + m[k][2] * r[2]);
+                }
+            }
+        }
+        let free = parts.preconditioner.as_ref().map_or(&self.free[..], |c| c.free_nodes());
+        for (n, z) in free.iter().zip(z.iter()) {
+            self.z.node[*n as usize] = *z;
+        }
+        if coupled {
+            let own = |row: usize| {
+                let n = free[row] as usize;
+                (n, back(&frame[owner[n] as usize], z[row]))
+            };
+            between.gather(free.len(), own, &mut self.partial, &mut self.wrench);
+            for (w, r) in self.wrench.iter_mut().zip(&parts.nodes.rotation) {
+                *w = turned(w, r, false);
+            }
+            self.second.clear();
+            self.second.resize(self.first.len(), 0.0);
+            parts.joints.collect(&self.wrench, &mut self.second);
+            parts.coarse.solve(&mut self.second);
+            for (z, (a, b)) in self.z.joint.iter_mut().zip(self.first.iter().zip(&self.second)) {
+                *z = a - b;
+            }
+        }
+    }
+
+    /// Goes on from `x` until the residual is at most `target` [N].
+    pub fn solve<R: Scalar>(&mut self, parts: &mut Parts<'_, R>, rhs: &Pair, target: f64, length: f64) -> Solved {
+        let mut left = self.true_residual(parts, rhs, length);
+        let mut iterations = 0;
+        let mut asked = target;
+        let done = |iterations, residual: f64| Solved { iterations, residual, converged: residual <= target };
+        loop {
+            if left <= target || iterations >= MOST_ITERATIONS || !left.is_finite() {
+                return done(iterations, left);
+            }
+            let before = left;
+            iterations += self.pass(parts, asked.max(BELIEVED * left), length, MOST_ITERATIONS - iterations);
+            // d = d' + W q
+            let found = std::mem::take(&mut self.d);
+            self.x.node.par_chunks_mut(CHUNK).zip(found.node.par_chunks(CHUNK)).for_each(|(x, d)| {
+                for (x, d) in x.iter_mut().zip(d) {
+                    (0..3).for_each(|k| x[k] += f64::from(d[k]));
+                }
+            });
+            self.turn(parts, &found.joint);
+            self.d = found;
+            left = self.true_residual(parts, rhs, length);
+            // each pass must gain something, or rounding has the last word
+            if left.is_nan() || left > 0.5 * before {
+                return done(iterations, left);
+            }
+            // what a pass takes for its residual is another measure of it
+            asked *= (0.5 * target / left).min(1.0);
+        }
+    }
+
+    /// Conjugate gradients on what is left until its size is at most `goal` [N]; leaves the correction in `d`.
+    fn pass<R: Scalar>(&mut self, parts: &mut Parts<'_, R>, goal: f64, length: f64, limit: usize) -> usize {
+        // f32 has the digits but not the range
+        let scale = (-self.left.size(length).log2().floor()).exp2();
+        let (left, factor) = (&self.left, scale);
+        self.r.node.par_chunks_mut(CHUNK).zip(left.node.par_chunks(CHUNK)).for_each(|(r, l)| {
+            for (r, l) in r.iter_mut().zip(l) {
+                *r = [(l[0] * factor) as f32, (l[1] * factor) as f32, (l[2] * factor) as f32, 0.0];
+            }
+        });
+        // g = r_q + Wᵀ r_f
+        let (r, role) = (&self.r.node, parts.role);
+        let force = |n: usize| (n, if role[n] == Role::Free { [r[n][0], r[n][1], r[n][2]] } else { [0.0; 3] });
+        parts.along.gather(r.len(), force, &mut self.partial, &mut self.wrench);
+        self.r.joint.iter_mut().zip(&left.joint).for_each(|(r, l)| *r = l * scale);
+        parts.joints.collect(&self.wrench, &mut self.r.joint);
+        let (nodes, unknowns) = (self.r.node.len(), self.r.joint.len());
+        for v in [&mut self.d, &mut self.z] {
+            v.resize(nodes, unknowns);
+        }
+        let square = (goal * scale).powi(2);
+        let size = |r: &Light| {
+            let nodes = par::sum(r.node.len(), |range| {
+                r.node[range].iter().map(|v| (0..3).map(|k| f64::from(v[k]) * f64::from(v[k])).sum::<f64>()).sum()
+            });
+            nodes + r.joint.iter().map(|t| t * t).sum::<f64>() / (length * length)
+        };
+        let mut used = limit;
+        self.precondition(parts);
+        self.p.direction(0.0, &self.z);
+        let mut rz = self.r.dot(&self.z);
+        let (mut best, mut since_best) = (f64::INFINITY, 0);
+        for iteration in 1..=limit {
+            self.multiply(parts);
+            let pq = self.p.dot(&self.q);
+            if pq.is_nan() || pq <= 0.0 || !rz.is_finite() {
+                used = iteration;
+                break;
+            }
+            let alpha = rz / pq;
+            self.d.add(alpha, &self.p);
+            self.r.add(-alpha, &self.q);
+            let left = size(&self.r);
+            if left < best {
+                (best, since_best) = (left, 0);
+            } else {
+                since_best += 1;
+            }
+            if left <= square || since_best > 30 {
+                used = iteration;
+                break;
+            }
+            self.precondition(parts);
+            // a cycle in f32 is symmetric only up to rounding: zᵀ (r − r_before) instead of zᵀ r
+            let beta = -alpha * self.z.dot(&self.q) / rz;
+            rz = self.r.dot(&self.z);
+            self.p.direction(beta, &self.z);
+        }
+        let back = 1.0 / scale;
+        self.d.node.par_iter_mut().for_each(|d| *d = d.map(|v| (f64::from(v) * back) as f32));
+        self.d.joint.iter_mut().for_each(|d| *d *= back);
+        used
+    }
+}
+
+/// A twist or wrench in the axes of a bone, or from there in those of the world.
+fn turned(v: &[f64; 6], rotation: &glam::DMat3, to_bone: bool) -> [f64; 6] {
+    let m = if to_bone { rotation.transpose() } else { *rotation };
+    let (a, b) = (m * glam::DVec3::new(v[0], v[1], v[2]), m * glam::DVec3::new(v[3], v[4], v[5]));
+    [a.x, a.y, a.z, b.x, b.y, b.z]
+}
+
+#[inline]
+fn times(m: &[[f32; 3]; 3], v: [f32; 3]) -> [f32; 3] {
+    m.map(|row| row[0] * v[0] + row[1] * v[1] + row[2] * v[2])
+}
+
+#[inline]
+fn back(m: &[[f32; 3]; 3], v: [f32; 4]) -> [f32; 3] {
+    std::array::from_fn(|k| m[0][k] * v[0] + m[1][k] * v[1] + m[2][k] * v[2])
+}
