@@ -239,7 +239,9 @@ fn shake(e: f64, h: f64, dynamics: Dynamics, steps: usize) -> String {
     let drag = Action::DragJoint { joint: JointId(1), path: keys.collect(), stiffness: None };
     let events = vec![Event { start: 0.1, end: seconds - 0.1, action: drag }];
     let s = SimulationSettings { dynamics, ..settings(h) };
-    let mut sim = coupled_limb(e, s, [ball(0.0), hinge([-0.4, 0.6], 0.0)], RootKind::Pinned, events);
+    let cone = JointKind::Ball { axis: [1.0, 0.0, 0.0], cone: 0.5, twist: [-0.3, 0.3] };
+    let root = JointSetup { kind: cone, ..ball(0.0) };
+    let mut sim = coupled_limb(e, s, [root, hinge([-0.4, 0.6], 0.0)], RootKind::Pinned, events);
     sim.start(&motion).unwrap();
     let (mut done, mut hit, mut far, mut fast) = (0, 0.0f64, 0.0f64, 0.0f64);
     let mut frame = 0;
@@ -250,43 +252,73 @@ fn shake(e: f64, h: f64, dynamics: Dynamics, steps: usize) -> String {
         assert!(sim.attachment_gap() < 1e-6 * 0.12, "frame {frame}: {}", sim.attachment_gap());
         let [root, elbow] = [0, 1].map(|j| DVec3::from(sim.pose().world[j].translation));
         assert!((elbow.distance(root) - 0.3).abs() < 1e-9, "frame {frame}: {elbow} {root}");
-        let angle = elbow_angle(&sim);
-        hit = hit.max(angle);
+        hit = hit.max(swing(&sim));
         far = sim.state.position.iter().map(|p| DVec3::from(*p).length()).fold(far, f64::max);
         fast = sim.state.velocity.iter().map(|p| DVec3::from(*p).length()).fold(fast, f64::max);
     }
     assert!(far < 2.0 && fast < 60.0, "E {e} h {h} {dynamics:?}: {far} m, {fast} m/s");
-    assert!(hit > 0.39, "a limit must have been hit: {hit}");
+    assert!(hit > 0.499, "a limit must have been hit: {hit}");
     format!("E {e:e} h 1/{:.0} {dynamics:?}: {done} steps, at most {far:.2} m off and {fast:.1} m/s", 1.0 / h)
 }
 
-/// Angle of the hinge [rad].
-fn elbow_angle(sim: &Simulation<f64>) -> f64 {
-    let axis = |j: usize| {
-        let l = &sim.pose().world[j].linear;
-        DVec3::new(l[0][0], l[1][0], l[2][0])
-    };
-    axis(0).angle_between(axis(1))
+/// How far the root has swung from where it rests [rad].
+fn swing(sim: &Simulation<f64>) -> f64 {
+    let l = &sim.pose().world[0].linear;
+    DVec3::new(l[0][0], l[1][0], l[2][0]).angle_between(DVec3::X)
 }
 
-/// The softest and the stiffest flesh at the longest step; `every_setting_is_shaken` has the others.
+/// The softest and the stiffest flesh at the longest step; those that are ignored have the others, and ten thousand steps.
 #[test]
 fn nothing_blows_up() {
     eprintln!("{}", shake(3e3, 1.0 / 30.0, Dynamics::Lively, 30));
     eprintln!("{}", shake(3e7, 1.0 / 30.0, Dynamics::Calm, 30));
 }
 
-/// Any stiffness, any step, ten thousand steps each: half an hour.
+/// Ten thousand steps with each dynamics.
+fn shake_long(e: f64, h: f64) -> [String; 2] {
+    [Dynamics::Lively, Dynamics::Calm].map(|dynamics| shake(e, h, dynamics, 10_000))
+}
+
+/// See `shake_long`.
 #[test]
-#[ignore = "takes half an hour"]
-fn every_setting_is_shaken() {
-    for e in [3e3, 3e5, 3e7] {
-        for h in [1.0 / 30.0, 1.0 / 240.0] {
-            for dynamics in [Dynamics::Lively, Dynamics::Calm] {
-                eprintln!("{}", shake(e, h, dynamics, 10_000));
-            }
-        }
-    }
+#[ignore = "takes minutes"]
+fn soft_flesh_is_shaken_in_long_steps() {
+    eprintln!("{:?}", shake_long(3e3, 1.0 / 30.0));
+}
+
+/// See `shake_long`.
+#[test]
+#[ignore = "takes minutes"]
+fn soft_flesh_is_shaken_in_short_steps() {
+    eprintln!("{:?}", shake_long(3e3, 1.0 / 240.0));
+}
+
+/// See `shake_long`.
+#[test]
+#[ignore = "takes minutes"]
+fn firm_flesh_is_shaken_in_long_steps() {
+    eprintln!("{:?}", shake_long(3e5, 1.0 / 30.0));
+}
+
+/// See `shake_long`.
+#[test]
+#[ignore = "takes minutes"]
+fn firm_flesh_is_shaken_in_short_steps() {
+    eprintln!("{:?}", shake_long(3e5, 1.0 / 240.0));
+}
+
+/// See `shake_long`.
+#[test]
+#[ignore = "takes minutes"]
+fn stiff_flesh_is_shaken_in_long_steps() {
+    eprintln!("{:?}", shake_long(3e7, 1.0 / 30.0));
+}
+
+/// See `shake_long`.
+#[test]
+#[ignore = "takes minutes"]
+fn stiff_flesh_is_shaken_in_short_steps() {
+    eprintln!("{:?}", shake_long(3e7, 1.0 / 240.0));
 }
 
 /// A ball joint may spin about its bone; under a swing across its axis nothing makes it: neither spin nor spikes.
