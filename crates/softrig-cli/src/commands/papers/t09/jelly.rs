@@ -4,7 +4,7 @@ use super::picture::{self, Look};
 use super::{Job, Outcome, Results, failed};
 use glam::DQuat;
 use softrig::body::Body;
-use softrig::force::ElasticModel;
+use softrig::force::{ElasticModel, ForceModel};
 use softrig::integrate::State;
 use softrig::material::{Material, MaterialMap};
 use softrig::rig::Pose;
@@ -68,6 +68,8 @@ pub fn run(job: &Job, results: &Results) -> Outcome {
         let mut state = State::at_rest(rest.clone());
         for _ in 0..rounds {
             state = State::at_rest(rest.clone());
+            // rotations of the round before belong to its last pose
+            law.internal.restore(&[]);
             for k in -LEAD..0 {
                 pose_at(k, &mut scratch);
                 bound.place(&scratch, DT, &mut state);
