@@ -71,7 +71,7 @@ mod tests {
     /// With g iterations more each time the mean cost is least after sqrt(2 R / g) solves.
     #[test]
     fn operators_are_kept_as_long_as_the_mean_cost_falls() {
-        for (growth, rebuild) in [(1.0, 50.0), (1.0, 800.0), (2.0, 400.0), (5.0, 40.0)] {
+        for (growth, rebuild) in [(1.0_f64, 50.0_f64), (1.0, 800.0), (2.0, 400.0), (5.0, 40.0)] {
             let best = (2.0 * rebuild / growth).sqrt();
             assert!(
                 (life(growth, rebuild) as f64 - best).abs() <= 1.5,
