@@ -21,10 +21,10 @@ fn g10_writes_tables_and_plots_that_hold_what_the_paper_claims() {
     let figure1: Vec<Vec<String>> = rows("figure1.csv");
     assert!(figure1.len() == 4 && figure1.iter().all(|r| r[5].parse::<f64>().unwrap() > 0.0), "{figure1:?}");
     assert!(figure1[1][4].parse::<usize>().unwrap() > 30, "{figure1:?}");
-    // bones keep their shape, flesh alone does not
+    // bones keep their shape, flesh alone does not: by little here, a few cells pulled for a third of a second
     let figure2: Vec<Vec<String>> = rows("figure2.csv");
     let shape = |row: usize| figure2[row][3].parse::<f64>().unwrap();
-    assert!(shape(0) < 1e-9 && shape(1) > 1e-3, "{figure2:?}");
+    assert!(shape(0) < 1e-12 && shape(1) > 1e-5, "{figure2:?}");
     assert!(folder.path().join("out/g10/figure2.png").exists());
     let figure6: Vec<Vec<String>> = rows("figure6.csv");
     let rate = |regime: &str, of: &str| -> f64 {
