@@ -43,6 +43,12 @@ impl DofConstraints {
         self.count
     }
 
+    /// The nodes that are not prescribed, ascending.
+    #[must_use]
+    pub fn free_nodes(&self) -> Vec<u32> {
+        (0..self.constrained.len() as u32).filter(|n| !self.constrained[*n as usize]).collect()
+    }
+
     /// Number of nodes, prescribed or free.
     #[must_use]
     pub fn node_count(&self) -> usize {

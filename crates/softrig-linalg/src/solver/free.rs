@@ -57,8 +57,7 @@ impl Deref for FreePattern {
 impl FreePattern {
     /// Free rows in the order of their nodes.
     pub fn new(pattern: &BlockPattern, constraints: &DofConstraints) -> Self {
-        let free = |i: &u32| !constraints.is_constrained(*i as usize);
-        Self::in_order(pattern, (0..pattern.row_count() as u32).filter(free).collect())
+        Self::in_order(pattern, constraints.free_nodes())
     }
 
     /// One row for each of `node`, in that order.

@@ -47,7 +47,6 @@ pub struct Multigrid<R> {
     pcg: Iteration<f32>,
     /// For systems f32 cannot hold; made when one comes.
     exact: Option<Iteration<R>>,
-    prepared: Option<Arc<BlockPattern>>,
     cycle: Option<Cycle>,
     age: Age,
     /// Rotations of the cells at the last rebuild, and now.
@@ -70,7 +69,6 @@ impl<R: Scalar> Multigrid<R> {
             hierarchy: hierarchy.into(),
             pcg: Iteration::new(ITERATION_LIMIT),
             exact: None,
-            prepared: None,
             cycle: None,
             age: Age::default(),
             built: Vec::new(),
@@ -87,7 +85,6 @@ impl<R: Scalar> Multigrid<R> {
             colours
         });
         self.cycle = Cycle::new(&self.hierarchy, &free, colours, &self.settings);
-        self.prepared = Some(pattern.clone());
         self.pcg.prepare(pattern, Arc::new(free));
         self.exact = None;
         self.age = Age::default();
@@ -106,7 +103,7 @@ impl<R: Scalar> Multigrid<R> {
 
     /// Leaves out the rows that are held, so that nothing remains of the nodes that were free before.
     fn compact(&mut self) {
-        if let Some(pattern) = self.prepared.clone().filter(|_| self.pcg.free().is_masked()) {
+        if let Some(pattern) = self.pcg.prepared().cloned().filter(|_| self.pcg.free().is_masked()) {
             let mut node = self.pcg.free().free_nodes();
             node.sort_unstable();
             self.prepare_rows(&pattern, node);
@@ -127,7 +124,7 @@ impl<R: Scalar> Multigrid<R> {
         solution: &mut [[R; 3]],
         tolerance: f64,
     ) -> Result<SolveReport, SolveError> {
-        let exact = exact_solver(&mut self.exact, self.prepared.as_ref(), &self.pcg)?;
+        let exact = self.pcg.beside(&mut self.exact)?;
         exact.solve_with(Source::of(system), rhs, solution, tolerance, self.cycle.as_mut(), true)
     }
 
@@ -162,15 +159,17 @@ impl<R: Scalar> LinearSolver<R> for Multigrid<R> {
     }
 
     fn prepare(&mut self, pattern: &Arc<BlockPattern>, constraints: &DofConstraints) -> Result<(), SolveError> {
-        let known = self.prepared.as_ref().is_some_and(|p| Arc::ptr_eq(p, pattern) || **p == **pattern);
-        let mut exchanged = if known { self.pcg.free().exchanged(pattern, constraints) } else { None };
-        if exchanged.is_none() {
+        let known = self.pcg.prepared().is_some_and(|p| Arc::ptr_eq(p, pattern) || **p == **pattern);
+        let exchanged = |free: &FreePattern| if known { free.exchanged(pattern, constraints) } else { None };
+        let mut masked = exchanged(self.pcg.free());
+        if masked.is_none() {
             // whoever exchanges once does it again: rows that have been free stay
             let united = if known { self.pcg.free().united(constraints) } else { None };
-            self.prepare_rows(pattern, united.unwrap_or_else(|| free_nodes(constraints)));
-            exchanged = self.pcg.free().exchanged(pattern, constraints);
+            let node = united.unwrap_or_else(|| constraints.free_nodes());
+            self.prepare_rows(pattern, node);
+            masked = exchanged(self.pcg.free());
         }
-        if let Some(free) = exchanged.filter(|free| free.is_masked() || self.pcg.free().is_masked()) {
+        if let Some(free) = masked.filter(|free| free.is_masked() || self.pcg.free().is_masked()) {
             self.hold(Arc::new(free));
         }
         self.age = Age::default();
@@ -227,7 +226,7 @@ impl<R: Scalar> LinearSolver<R> for Multigrid<R> {
         let report = match self.settings.outer {
             Outer::Cycles { count } => self.pcg.cycle_with(source, rhs, solution, tolerance, cycle, count),
             Outer::ConjugateGradients if tolerance < BELOW_SINGLE => {
-                let exact = exact_solver(&mut self.exact, self.prepared.as_ref(), &self.pcg)?;
+                let exact = self.pcg.beside(&mut self.exact)?;
                 exact.solve_with(source, rhs, solution, tolerance, Some(cycle), true)
             }
             Outer::ConjugateGradients => self.pcg.solve_with(source, rhs, solution, tolerance, Some(cycle), false),
@@ -270,22 +269,4 @@ impl<R: Scalar> LinearSolver<R> for Multigrid<R> {
         // a multicolour sweep and a product go through the entries; whichever smoother, one cycle is symmetric
         if self.cycle.is_some() { Some(self) } else { None }
     }
-}
-
-fn free_nodes(constraints: &DofConstraints) -> Vec<u32> {
-    (0..constraints.node_count() as u32).filter(|n| !constraints.is_constrained(*n as usize)).collect()
-}
-
-/// The iteration in the caller's numbers, made on first use.
-fn exact_solver<'a, R: Scalar>(
-    exact: &'a mut Option<Iteration<R>>,
-    prepared: Option<&Arc<BlockPattern>>,
-    single: &Iteration<f32>,
-) -> Result<&'a mut Iteration<R>, SolveError> {
-    let prepared = prepared.ok_or(SolveError::NotPrepared)?;
-    Ok(exact.get_or_insert_with(|| {
-        let mut made = Iteration::new(ITERATION_LIMIT);
-        made.prepare(prepared, single.free().clone());
-        made
-    }))
 }

@@ -9,7 +9,7 @@ impl<R: Scalar> Preconditioner<R> for Multigrid<R> {
     fn load(&mut self, system: &mut dyn LinearSystem<R>) -> Result<(), SolveError> {
         let rebuild = self.is_stale(system) || self.age.is_over();
         let cubes = matches!(self.settings.smoother, Smoother::Chebyshev { .. }) && system.cubes().is_some();
-        let known = self.prepared.as_ref().ok_or(SolveError::NotPrepared)?;
+        let known = self.pcg.prepared().ok_or(SolveError::NotPrepared)?;
         let cycle = self.cycle.as_mut().ok_or(SolveError::NotPrepared)?;
         let free = self.pcg.free();
         if let Some(matrix) = system.cubes().filter(|_| cubes) {

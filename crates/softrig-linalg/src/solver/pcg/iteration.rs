@@ -140,6 +140,27 @@ impl<R: Scalar> Iteration<R> {
         self.prepared = Some(Arc::clone(pattern));
     }
 
+    /// The pattern of the whole systems it is prepared for.
+    pub fn prepared(&self) -> Option<&Arc<BlockPattern>> {
+        self.prepared.as_ref()
+    }
+
+    /// `other`, made on first use: an iteration in other numbers for the same systems.
+    ///
+    /// # Errors
+    /// [`SolveError::NotPrepared`] when this one is not.
+    pub fn beside<'a, B: Scalar>(
+        &self,
+        other: &'a mut Option<Iteration<B>>,
+    ) -> Result<&'a mut Iteration<B>, SolveError> {
+        let whole = self.prepared.as_ref().ok_or(SolveError::NotPrepared)?;
+        Ok(other.get_or_insert_with(|| {
+            let mut made = Iteration::new(self.iteration_limit);
+            made.prepare(whole, self.pattern.clone());
+            made
+        }))
+    }
+
     /// Takes the same rows with others of them held.
     pub fn hold(&mut self, free: Arc<FreePattern>) {
         self.cubes = None;

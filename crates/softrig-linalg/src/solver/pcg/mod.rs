@@ -26,7 +26,6 @@ pub struct Pcg<R> {
     single: Iteration<f32>,
     /// Made when a system comes that f32 is not enough for.
     exact: Option<Iteration<R>>,
-    prepared: Option<Arc<BlockPattern>>,
 }
 
 impl<R: Scalar> Default for Pcg<R> {
@@ -40,7 +39,7 @@ impl<R: Scalar> Pcg<R> {
     #[must_use]
     pub fn new() -> Self {
         let single = Iteration::new(ITERATION_LIMIT);
-        Self { iteration_limit: ITERATION_LIMIT, single, exact: None, prepared: None }
+        Self { iteration_limit: ITERATION_LIMIT, single, exact: None }
     }
 }
 
@@ -56,7 +55,6 @@ impl<R: Scalar> LinearSolver<R> for Pcg<R> {
     fn prepare(&mut self, pattern: &Arc<BlockPattern>, constraints: &DofConstraints) -> Result<(), SolveError> {
         self.single.prepare(pattern, Arc::new(FreePattern::new(pattern, constraints)));
         self.exact = None;
-        self.prepared = Some(pattern.clone());
         Ok(())
     }
 
@@ -86,12 +84,7 @@ impl<R: Scalar> LinearSolver<R> for Pcg<R> {
                 other => return other,
             }
         }
-        let whole = self.prepared.as_ref().ok_or(SolveError::NotPrepared)?;
-        let exact = self.exact.get_or_insert_with(|| {
-            let mut made = Iteration::new(ITERATION_LIMIT);
-            made.prepare(whole, self.single.free().clone());
-            made
-        });
+        let exact = self.single.beside(&mut self.exact)?;
         exact.iteration_limit = self.iteration_limit;
         exact.solve_with(source, rhs, solution, tolerance, None, true)
     }
