@@ -87,7 +87,9 @@ fn errors(young_modulus: f64, h: f64, tolerance: f64) -> [f64; 2] {
     sim.start(&motion).unwrap();
     let frames = (SECONDS / h).round() as usize;
     for f in 1..=frames {
-        sim.advance(&motion, f as f64 * h).unwrap();
+        let report = sim.advance(&motion, f as f64 * h).unwrap();
+        // fast bones cut a frame into more steps, and then the step is not the one that is asked about
+        assert_eq!((report.substeps, report.unconverged_steps), (1, 0), "frame {f} of {frames}");
     }
     [0, 1].map(|j| {
         let l = &sim.pose().world[j].linear;
@@ -97,22 +99,24 @@ fn errors(young_modulus: f64, h: f64, tolerance: f64) -> [f64; 2] {
     })
 }
 
-/// As the step gets short the two links come closer to the pendulum. What is left at no step, some 0.016 rad by extrapolation, is not
-/// explained: the order seen is 0.35, not 1.
+/// In steps half as long, half as much is missing; by extrapolation nothing: first order, and the right pendulum.
 #[test]
 fn stiff_links_swing_as_an_articulated_pendulum() {
-    let all = [120.0, 240.0, 480.0].map(|n| errors(3e7, 1.0 / n, 1e-6));
-    eprintln!("angles off by {all:?} rad at h 1/120, 1/240, 1/480");
+    let all = [480.0, 960.0, 1920.0].map(|n| errors(3e7, 1.0 / n, 1e-6));
+    eprintln!("angles off by {all:?} rad at h 1/480, 1/960, 1/1920");
     for joint in 0..2 {
-        let e = all.map(|e| e[joint].abs());
-        assert!(e[0] > e[1] && e[1] > e[2] && e[2] < 0.03, "joint {joint}: {e:?}");
+        let e = all.map(|e| e[joint]);
+        let ratio = [e[0] / e[1], e[1] / e[2]];
+        assert!(ratio.iter().all(|r| (r - 2.0).abs() < 0.15), "joint {joint}: {e:?}");
+        let left = 2.0 * e[2] - e[1];
+        assert!(left.abs() < 5e-4 && e[2].abs() < 0.01, "joint {joint}: {e:?}, {left} at no step");
     }
 }
 
 /// As the flesh gets stiff it swings as the pendulum does: ten times the stiffness leaves less of the error of sagging.
 #[test]
 fn links_approach_the_pendulum_as_they_get_stiff() {
-    let e: Vec<[f64; 2]> = [1e4, 1e5, 3e7].iter().map(|e| errors(*e, 1.0 / 240.0, 1e-6)).collect();
+    let e: Vec<[f64; 2]> = [1e4, 1e5, 3e7].iter().map(|e| errors(*e, 1.0 / 480.0, 1e-6)).collect();
     let off = |k: usize| (0..2).map(|j| (e[k][j] - e[2][j]).abs()).fold(0.0, f64::max);
     eprintln!("soft links are off the stiff ones by {:.1e} and {:.1e} rad", off(0), off(1));
     assert!(off(0) > 5.0 * off(1) && off(1) < 0.01, "{e:?}");
