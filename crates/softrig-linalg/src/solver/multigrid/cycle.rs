@@ -147,10 +147,10 @@ impl Cycle {
             let (before, galerkin) = self.galerkin.split_at_mut(l);
             match before.last() {
                 None => galerkin[0].refresh(&fine[l].pattern, block_of),
-                Some(finer) => galerkin[0].refresh(&fine[l].pattern, &|k| finer.coarse_blocks()[k]),
+                Some(finer) => galerkin[0].refresh(&fine[l].pattern, &|k| finer.coarse_block(k)),
             }
             // a diagonal block that has no inverse is left out of the smoothing
-            let _ = coarse[0].load(&|k| galerkin[0].coarse_blocks()[k]);
+            let _ = coarse[0].load(&|k| galerkin[0].coarse_block(k));
         }
         for level in &mut self.levels {
             level.estimate_spectrum();
@@ -160,7 +160,7 @@ impl Cycle {
 
     fn factorise(&mut self) {
         let (level, galerkin) = (&self.levels[self.levels.len() - 1], &self.galerkin[self.galerkin.len() - 1]);
-        let block_of = |k: usize| galerkin.coarse_blocks()[k].map(f64::from);
+        let block_of = |k: usize| galerkin.coarse_block(k).map(f64::from);
         self.factorised = self.coarsest.as_mut().is_some_and(|factor| {
             let loaded = factor.load(&level.pattern, &block_of, &mut self.coarsest_identity);
             factor.shift_diagonal(SHIFT, 1e-6);

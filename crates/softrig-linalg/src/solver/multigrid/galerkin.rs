@@ -1,7 +1,7 @@
 //! Galerkin products `A_c = Pᵀ A P` on fixed patterns.
 //!
-//! Two owner-computes passes: rows of `A P`, then rows of `Pᵀ (A P)`. Where each contribution lands is found once; a refresh
-//! only streams values through it.
+//! Two owner-computes passes: rows of `A P`, then rows of `Pᵀ (A P)` from the diagonal on; what is left of it is the mirror image,
+//! as systems are symmetric. Where each contribution lands is found once; a refresh only streams values through it.
 
 use super::interpolation::Interpolation;
 use crate::solver::free::BlockRows;
@@ -11,6 +11,9 @@ use std::ops::Range;
 
 /// Rows per task.
 const ROWS: usize = 128;
+
+/// Marks a block that is the transpose of the one it points to.
+const MIRRORED: u32 = 1 << 31;
 
 /// A sparse pattern of blocks, with the place of every contribution to it.
 #[derive(Debug, Default)]
@@ -29,9 +32,16 @@ pub(super) struct Galerkin {
     p: Interpolation,
     pt: Interpolation,
     ap: Product,
-    coarse: Product,
+    /// Pattern of the coarse matrix: rows and columns.
+    coarse: (Vec<u32>, Vec<u32>),
+    /// Its part from the diagonal on, which is what is computed.
+    upper: Product,
+    /// For every entry of `pt`: the first block of its row of `ap` that is not left of the diagonal.
+    tail: Vec<u32>,
+    /// For every coarse block: where it is in the upper part, or its mirror image, with [`MIRRORED`].
+    source: Vec<u32>,
     ap_values: Vec<[f32; 9]>,
-    coarse_values: Vec<[f32; 9]>,
+    upper_values: Vec<[f32; 9]>,
 }
 
 /// Walks a sparse product row by row; `visit(row, add)` names the columns of all contributions of a row in order.
@@ -62,6 +72,41 @@ impl Product {
     fn row_count(&self) -> usize {
         self.row_start.len() - 1
     }
+
+    fn row(&self, i: usize) -> Range<usize> {
+        self.row_start[i] as usize..self.row_start[i + 1] as usize
+    }
+
+    /// The part of a square product from the diagonal on.
+    fn upper(&self) -> Self {
+        let mut out = Self { row_start: vec![0], place_start: vec![0], ..Self::default() };
+        for i in 0..self.row_count() {
+            let row = &self.column[self.row(i)];
+            let diagonal = row.partition_point(|c| (*c as usize) < i);
+            out.column.extend_from_slice(&row[diagonal..]);
+            let places = &self.place[self.place_start[i] as usize..self.place_start[i + 1] as usize];
+            out.place.extend(places.iter().filter_map(|k| k.checked_sub(diagonal as u16)));
+            out.row_start.push(out.column.len() as u32);
+            out.place_start.push(out.place.len() as u32);
+        }
+        out
+    }
+
+    /// For every block of this square product with a symmetric pattern: where it is in its upper part, or its mirror image, with
+    /// [`MIRRORED`].
+    fn sources(&self, upper: &Self) -> Vec<u32> {
+        let mut out = Vec::with_capacity(self.column.len());
+        for i in 0..self.row_count() {
+            for &j in &self.column[self.row(i)] {
+                let (row, column) = (i.min(j as usize), i.max(j as usize) as u32);
+                let row = upper.row(row);
+                let at = upper.column[row.clone()].binary_search(&column).expect("the pattern is symmetric");
+                let mirrored = if (j as usize) < i { MIRRORED } else { 0 };
+                out.push((row.start + at) as u32 | mirrored);
+            }
+        }
+        out
+    }
 }
 
 impl Galerkin {
@@ -73,15 +118,23 @@ impl Galerkin {
                 p.column[p.row(fine.column[k] as usize)].iter().for_each(|c| add(*c));
             }
         });
-        let coarse = symbolic(p.coarse_count, p.coarse_count, |c, add| {
+        let whole = symbolic(p.coarse_count, p.coarse_count, |c, add| {
             for k in pt.row(c) {
-                let i = pt.column[k] as usize;
-                ap.column[ap.row_start[i] as usize..ap.row_start[i + 1] as usize].iter().for_each(|c| add(*c));
+                ap.column[ap.row(pt.column[k] as usize)].iter().for_each(|c| add(*c));
             }
         });
+        let mut tail = Vec::with_capacity(pt.column.len());
+        for c in 0..p.coarse_count {
+            for k in pt.row(c) {
+                let row = ap.row(pt.column[k] as usize);
+                tail.push((row.start + ap.column[row].partition_point(|j| (*j as usize) < c)) as u32);
+            }
+        }
+        let upper = whole.upper();
+        let source = whole.sources(&upper);
         let ap_values = vec![[0.0; 9]; ap.column.len()];
-        let coarse_values = vec![[0.0; 9]; coarse.column.len()];
-        Self { p, pt, ap, coarse, ap_values, coarse_values }
+        let upper_values = vec![[0.0; 9]; upper.column.len()];
+        Self { p, pt, ap, coarse: (whole.row_start, whole.column), upper, tail, source, ap_values, upper_values }
     }
 
     pub fn interpolation(&self) -> &Interpolation {
@@ -101,27 +154,28 @@ impl Galerkin {
 
     /// The coarse pattern, as a system of its own: a row for each of `node`.
     pub fn coarse_pattern(&self, node: Vec<u32>) -> BlockRows {
-        let n = self.p.coarse_count;
-        let diagonal = (0..n)
+        let (row_start, column) = &self.coarse;
+        let diagonal = (0..self.p.coarse_count)
             .map(|i| {
-                let row = self.coarse.row_start[i] as usize..self.coarse.row_start[i + 1] as usize;
-                let at = self.coarse.column[row.clone()].binary_search(&(i as u32));
+                let row = row_start[i] as usize..row_start[i + 1] as usize;
+                let at = column[row.clone()].binary_search(&(i as u32));
                 (row.start + at.expect("a coarse node sees itself through any fine node it interpolates")) as u32
             })
             .collect();
-        BlockRows { node, row_start: self.coarse.row_start.clone(), column: self.coarse.column.clone(), diagonal }
+        BlockRows { node, row_start: row_start.clone(), column: column.clone(), diagonal }
     }
 
-    /// The coarse blocks of the last [`Self::refresh`].
-    pub fn coarse_blocks(&self) -> &[[f32; 9]] {
-        &self.coarse_values
+    /// A block of the coarse pattern, as the last [`Self::refresh`] made it.
+    pub fn coarse_block(&self, k: usize) -> [f32; 9] {
+        let m = self.upper_values[(self.source[k] & !MIRRORED) as usize];
+        if self.source[k] < MIRRORED { m } else { [m[0], m[3], m[6], m[1], m[4], m[7], m[2], m[5], m[8]] }
     }
 
-    /// Makes the coarse blocks for the fine ones.
+    /// Makes the coarse blocks for the fine ones, which are those of a symmetric matrix.
     pub fn refresh(&mut self, fine: &BlockRows, fine_block: &(impl Fn(usize) -> [f32; 9] + Sync)) {
-        let Self { p, pt, ap, coarse, ap_values, coarse_values } = self;
+        let Self { p, pt, ap, upper, tail, ap_values, upper_values, .. } = self;
         fill(0..ap.row_count(), ap_values, &FineTimesP { fine, fine_block, p, ap });
-        fill(0..coarse.row_count(), coarse_values, &Restrict { pt, ap, ap_values, coarse });
+        fill(0..upper.row_count(), upper_values, &Restrict { pt, ap, tail, ap_values, upper });
     }
 }
 
@@ -158,26 +212,27 @@ impl<F: Fn(usize) -> [f32; 9] + Sync> Rows for FineTimesP<'_, F> {
     }
 }
 
-/// `Pᵀ (A P)`.
+/// `Pᵀ (A P)` from the diagonal on.
 struct Restrict<'a> {
     pt: &'a Interpolation,
     ap: &'a Product,
+    tail: &'a [u32],
     ap_values: &'a [[f32; 9]],
-    coarse: &'a Product,
+    upper: &'a Product,
 }
 
 impl Rows for Restrict<'_> {
     fn pattern(&self) -> &Product {
-        self.coarse
+        self.upper
     }
 
     #[inline(always)]
     fn add(&self, i: usize, out: &mut [[f32; 9]]) {
-        let mut at = self.coarse.place_start[i] as usize;
+        let mut at = self.upper.place_start[i] as usize;
         for k in self.pt.row(i) {
-            let fine = self.pt.column[k] as usize;
-            for a in &self.ap_values[self.ap.row_start[fine] as usize..self.ap.row_start[fine + 1] as usize] {
-                add(&mut out[self.coarse.place[at] as usize], self.pt.weight[k] as f32, a);
+            let end = self.ap.row_start[self.pt.column[k] as usize + 1] as usize;
+            for a in &self.ap_values[self.tail[k] as usize..end] {
+                add(&mut out[self.upper.place[at] as usize], self.pt.weight[k] as f32, a);
                 at += 1;
             }
         }
@@ -263,7 +318,13 @@ mod tests {
                 p.start.push(p.column.len() as u32);
             }
             let (p, _) = p.restricted(&fine.node, Marking::EmptyColumns);
-            let block = |k: usize| -> [f32; 9] { std::array::from_fn(|e| ((k * 13 + e * 5) as f32).sin()) };
+            // symmetric, as systems are
+            let number = |a: usize, b: usize| ((a.min(b) * 13 + a.max(b) * 5) as f32).sin();
+            let row_of = |k: usize| fine.row_start.partition_point(|s| *s as usize <= k) - 1;
+            let block = |k: usize| -> [f32; 9] {
+                let (i, j) = (row_of(k), fine.column[k] as usize);
+                std::array::from_fn(|e| number(3 * i + e / 3, 3 * j + e % 3))
+            };
             let mut galerkin = Galerkin::new(&fine, p.clone());
             galerkin.refresh(&fine, &block);
             let mut dense = vec![vec![[0.0f64; 9]; p.coarse_count]; p.coarse_count];
@@ -285,7 +346,7 @@ mod tests {
                     let j = coarse_pattern.column[k] as usize;
                     there[i][j] = true;
                     for e in 0..9 {
-                        let (a, b) = (f64::from(galerkin.coarse_blocks()[k][e]), dense[i][j][e]);
+                        let (a, b) = (f64::from(galerkin.coarse_block(k)[e]), dense[i][j][e]);
                         assert!((a - b).abs() < 1e-4, "block {i} {j}: {a} {b}");
                     }
                 }

@@ -277,7 +277,8 @@ impl Level {
             let own = self.x.get()[rows.clone()].par_chunks(ROWS);
             let (b, inverse) =
                 (self.b.get()[rows.clone()].par_chunks(ROWS), self.inverse[rows.clone()].par_chunks(ROWS));
-            let all = (own, y, b, inverse).into_par_iter().enumerate().with_min_len(CHUNKS);
+            // a colour has few chunks: each may go to another thread
+            let all = (own, y, b, inverse).into_par_iter().enumerate();
             all.for_each(|(c, (own, y, b, inverse))| {
                 run_wide::<f32, _>(Relax { matrix, chunk: chunks.start + c, x, own, inverse, b, y });
             });
