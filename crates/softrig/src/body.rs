@@ -1,6 +1,8 @@
 //! A body: a volume mesh with materials, mass, a force model and prescribed nodes.
 
-use crate::force::{ElasticModel, ForceModel, Rotations, StVenantKirchhoff, corotated, hex_points, tet_gradients};
+use crate::force::{
+    ElasticModel, ForceModel, LONGEST_ROW, Rotations, StVenantKirchhoff, corotated, hex_points, tet_gradients,
+};
 use crate::material::{MaterialError, MaterialMap};
 use crate::mesh::{CellKind, VolumeMesh};
 use softrig_linalg::{BlockCsr, BlockPattern, DofConstraints, Scalar};
@@ -65,6 +67,14 @@ pub enum BodyError {
         /// Smallest volume found [m3].
         volume: f64,
     },
+    /// More cells meet at a node than the assembly counts.
+    #[error("node {node} shares cells with {count} others, more than {LONGEST_ROW}; remesh around it")]
+    Crowded {
+        /// Which node.
+        node: usize,
+        /// How many others.
+        count: usize,
+    },
     /// The material map does not fit the mesh.
     #[error("the material map has {found} {what}, the mesh has {expected} cells")]
     MaterialCount {
@@ -127,6 +137,9 @@ impl<R: Scalar> Body<R> {
             }
         }
         let pattern = Arc::new(BlockPattern::from_cells(n, mesh.cells()));
+        if let Some(node) = (0..n).find(|i| pattern.row(*i).len() > LONGEST_ROW) {
+            return Err(BodyError::Crowded { node, count: pattern.row(node).len() - 1 });
+        }
         let model: Box<dyn ForceModel<R>> = match model {
             ElasticModel::Corotated => corotated(&mesh, materials, pattern.clone(), Rotations::Follow),
             ElasticModel::Linear => corotated(&mesh, materials, pattern.clone(), Rotations::Fixed),

@@ -210,6 +210,7 @@ fn a_body_and_its_solver_hold_a_bounded_number_of_bytes_per_node() {
             external_force: &weight,
             dt: 1.0 / 60.0,
             tolerance: 1e-3,
+            reactions: false,
         };
         integrator.step(&mut body, &mut *solver, &input, &mut state, &mut output).unwrap();
     }

@@ -167,6 +167,7 @@ fn explicit_steps_agree_with_implicit_ones() {
                 external_force: &weight,
                 dt,
                 tolerance: 1e-10,
+                reactions: true,
             };
             integrator.step(&mut body, &mut solver, &input, &mut state, &mut out).unwrap();
             for i in (0..rest.len()).filter(|i| body.constraints.is_constrained(*i)) {
@@ -185,8 +186,14 @@ fn explicit_steps_agree_with_implicit_ones() {
     strict.too_long = TooLong::Refuse;
     let mut body = cantilever();
     let zero = vec![[0.0; 3]; rest.len()];
-    let input =
-        StepInput { target_position: &rest, target_velocity: &zero, external_force: &zero, dt: 0.1, tolerance: 1e-6 };
+    let input = StepInput {
+        target_position: &rest,
+        target_velocity: &zero,
+        external_force: &zero,
+        dt: 0.1,
+        tolerance: 1e-6,
+        reactions: true,
+    };
     let mut state = State::at_rest(rest.clone());
     let refused = strict.step(&mut body, &mut Direct::new(), &input, &mut state, &mut StepOutput::default());
     assert!(matches!(&refused, Err(StepError::Unsupported(e)) if e.contains("stability limit")), "{refused:?}");

@@ -8,6 +8,8 @@ use rayon::prelude::*;
 use softrig_linalg::{BlockPattern, Kernel, Lane, Scalar, Wide, run_wide};
 use std::ops::Range;
 
+/// Most blocks of a row: their places are counted in 16 bits.
+pub(crate) const LONGEST_ROW: usize = 1 << 16;
 /// Rows per task handed to a thread.
 const ROWS: usize = 128;
 /// Blocks of a row that are summed at once; longer rows are done window by window.
@@ -42,7 +44,7 @@ pub(super) struct Incidence<const N: usize> {
     /// cell * N + corner, ascending at each node.
     slot: Vec<u32>,
     /// Where the blocks (node, corner b of the cell) are, counted from the start of the node's row.
-    block: Vec<[u32; N]>,
+    block: Vec<[u16; N]>,
 }
 
 impl<const N: usize> Incidence<N> {
@@ -66,7 +68,7 @@ impl<const N: usize> Incidence<N> {
             for &s in &slot[start[i] as usize..start[i + 1] as usize] {
                 block.push(cells[s as usize / N].map(|n| {
                     let at = pattern.find(i, n as usize).expect("the pattern was made from these cells");
-                    (at - pattern.row(i).start) as u32
+                    u16::try_from(at - pattern.row(i).start).expect("a body has no longer rows")
                 }));
             }
         }
@@ -106,9 +108,9 @@ pub(super) fn gather_forces<R: Scalar>(
 /// What the stiffness rows read.
 pub(super) struct Rows<'a, R> {
     pub pattern: &'a BlockPattern,
-    /// R g_a of each tetrahedron; fourth places: V lam, V mu, b.
+    /// R g_a of corners 1, 2, 3 of each tetrahedron; fourth places: V lam, V mu, b.
     pub tets: &'a Incidence<4>,
-    pub warped: &'a [[[R; 4]; 4]],
+    pub warped: &'a [[[R; 4]; 3]],
     /// Columns of R of each hexahedron; fourth places: factor on the shape's stiffness, b.
     pub hexes: &'a Incidence<8>,
     pub rotation: &'a [[[R; 4]; 3]],
@@ -195,7 +197,7 @@ fn tet_row<R: Scalar>(rows: &Rows<'_, R>, node: usize, window: usize, sums: &mut
     let units = [Wide([l, o, o, o]), Wide([o, l, o, o]), Wide([o, o, l, o])];
     let range = rows.tets.at(node);
     let (slots, blocks) = (&rows.tets.slot[range.clone()], &rows.tets.block[range]);
-    let mut near = [[[R::zero(); 4]; 4]; TOGETHER];
+    let mut near = [[[R::zero(); 4]; 3]; TOGETHER];
     for (slots, blocks) in slots.chunks(TOGETHER).zip(blocks.chunks(TOGETHER)) {
         for (near, slot) in near.iter_mut().zip(slots) {
             *near = rows.warped[*slot as usize / 4];
@@ -204,6 +206,8 @@ fn tet_row<R: Scalar>(rows: &Rows<'_, R>, node: usize, window: usize, sums: &mut
             let a = *slot as usize % 4;
             let factor = R::one() + rows.rate * (g[2][3] + rows.damping);
             let (lambda, mu) = (g[0][3] * factor, g[1][3] * factor);
+            // the gradients of all corners add up to nothing
+            let g = [(-(Wide(g[0]) + Wide(g[1]) + Wide(g[2]))).0, g[0], g[1], g[2]];
             let ga = g[a];
             let mga = Wide([ga[0] * mu, ga[1] * mu, ga[2] * mu, R::zero()]);
             let lga = [ga[0] * lambda, ga[1] * lambda, ga[2] * lambda];

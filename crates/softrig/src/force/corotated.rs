@@ -28,6 +28,7 @@ pub enum Rotations {
 /// Corotated (or linear) elasticity on tetrahedra and hexahedra.
 pub struct Corotated<R> {
     rotations: Rotations,
+    damped: bool,
     /// Cell of the mesh behind each of our tetrahedra: ours are in the order of their nodes, so that the cells that meet at a
     /// node lie close in memory, however the mesh was written.
     tet_order: Vec<u32>,
@@ -39,10 +40,7 @@ pub struct Corotated<R> {
     hex_q: Vec<[[R; BLOCK]; 4]>,
     shapes: Vec<HexShape<R>>,
     shape_of: Vec<u32>,
-    // what a linearisation leaves for the assembly
-    warped: Vec<[[R; 4]; 4]>,
-    rotation: Vec<[[R; 4]; 3]>,
-    // scratch of the force
+    // scratch: forces on corners, or what the assembly reads
     tet_force: Vec<[[R; 3]; 4]>,
     hex_force: Vec<[[R; 3]; 8]>,
     energy: Vec<R>,
@@ -100,6 +98,7 @@ impl<R: Scalar> Corotated<R> {
         let nodes = mesh.node_count();
         let mut model = Self {
             rotations,
+            damped: tets.iter().any(|t| t.damping != 0.0) || hexes.iter().any(|h| h.damping != 0.0),
             tets: tets.chunks(BLOCK).map(TetBlock::new).collect(),
             tet_q: vec![identity; tets.len().div_ceil(BLOCK)],
             hexes: hexes.chunks(BLOCK).map(HexBlock::new).collect(),
@@ -107,8 +106,6 @@ impl<R: Scalar> Corotated<R> {
             shape_of: hexes.iter().map(|h| h.shape).collect(),
             cubes: cube_pattern(mesh, &shapes),
             shapes,
-            warped: vec![[[R::zero(); 4]; 4]; tets.len()],
-            rotation: vec![[[R::zero(); 4]; 3]; hexes.len()],
             tet_force: vec![[[R::zero(); 3]; 4]; tets.len()],
             hex_force: vec![[[R::zero(); 3]; 8]; hexes.len()],
             energy: vec![R::zero(); mesh.cell_count()],
@@ -132,6 +129,18 @@ impl<R: Scalar> Corotated<R> {
     pub fn shape_count(&self) -> usize {
         self.shapes.len()
     }
+}
+
+/// Columns of R of every hexahedron, with E and b in their fourth places.
+fn write_columns<R: Scalar>(hexes: &[HexBlock<R>], q: &[[[R; BLOCK]; 4]], columns: &mut [[[R; 4]; 3]]) {
+    let all = hexes.par_chunks(TASK).zip(q.par_chunks(TASK)).zip(columns.par_chunks_mut(TASK * BLOCK));
+    all.for_each(|((blocks, q), columns)| run_wide::<R, _>(hex::Columns { blocks, q, columns }));
+}
+
+/// Three times four numbers for each of `count` cells, in the memory of their corner forces: the two are never wanted together.
+fn quads<R: Scalar, const N: usize>(force: &mut [[[R; 3]; N]], count: usize) -> &mut [[[R; 4]; 3]] {
+    let all = force.as_flattened_mut().as_flattened_mut();
+    &mut all.as_chunks_mut::<4>().0.as_chunks_mut::<3>().0[..count]
 }
 
 /// The model behind its trait, for either number. The two are compiled here, once, and not again in every crate that makes a
@@ -169,19 +178,15 @@ fn shape_key(corners: [[f64; 3]; 8], poisson_ratio: f64) -> ([[i64; 3]; 8], u64,
 
 impl<R: Scalar> ForceModel<R> for Corotated<R> {
     fn linearise(&mut self, position: &[[R; 3]]) {
-        let rotate = self.rotations == Rotations::Follow;
+        if self.rotations == Rotations::Fixed {
+            return;
+        }
         let n = TASK * BLOCK;
-        let tets = self.tets.par_chunks(TASK).zip(self.tet_nodes.par_chunks(n));
-        let out = self.tet_q.par_chunks_mut(TASK).zip(self.warped.par_chunks_mut(n));
-        tets.zip(out).for_each(|((blocks, nodes), (q, warped))| {
-            run_wide::<R, _>(tet::Linearise { blocks, nodes, position, rotate, q, warped });
-        });
-        let hexes = self.hexes.par_chunks(TASK).zip(self.hex_nodes.par_chunks(n));
-        let out = self.hex_q.par_chunks_mut(TASK).zip(self.rotation.par_chunks_mut(n));
+        let tets = self.tets.par_chunks(TASK).zip(self.tet_nodes.par_chunks(n)).zip(self.tet_q.par_chunks_mut(TASK));
+        tets.for_each(|((blocks, nodes), q)| run_wide::<R, _>(tet::Rotate { blocks, nodes, position, q }));
+        let hexes = self.hexes.par_chunks(TASK).zip(self.hex_nodes.par_chunks(n)).zip(self.hex_q.par_chunks_mut(TASK));
         let shapes = &self.shapes;
-        hexes.zip(out).for_each(|((blocks, nodes), (q, rotation))| {
-            run_wide::<R, _>(hex::Linearise { blocks, shapes, nodes, position, rotate, q, rotation });
-        });
+        hexes.for_each(|((blocks, nodes), q)| run_wide::<R, _>(hex::Rotate { blocks, shapes, nodes, position, q }));
     }
 
     fn force(&mut self, position: &[[R; 3]], increment: Increment<'_, R>, force: &mut [[R; 3]]) -> f64 {
@@ -204,13 +209,24 @@ impl<R: Scalar> ForceModel<R> for Corotated<R> {
         par::sum(energy.len(), |range| energy[range].iter().map(|e| e.to_f64()).sum())
     }
 
+    fn is_damped(&self) -> bool {
+        self.damped
+    }
+
     fn stiffness(&mut self, rate: R, damping: R, matrix: &mut BlockCsr<R>) {
+        let warped = quads(&mut self.tet_force, self.tet_nodes.len());
+        let tets = self.tets.par_chunks(TASK).zip(self.tet_q.par_chunks(TASK));
+        tets.zip(warped.par_chunks_mut(TASK * BLOCK)).for_each(|((blocks, q), warped)| {
+            run_wide::<R, _>(tet::Warp { blocks, q, warped });
+        });
+        let rotation = quads(&mut self.hex_force, self.hex_nodes.len());
+        write_columns(&self.hexes, &self.hex_q, rotation);
         Rows {
             pattern: &self.pattern,
             tets: &self.tet_incidence,
-            warped: &self.warped,
+            warped,
             hexes: &self.hex_incidence,
-            rotation: &self.rotation,
+            rotation,
             shape_of: &self.shape_of,
             shapes: &self.shapes,
             rate,
@@ -227,10 +243,8 @@ impl<R: Scalar> ForceModel<R> for Corotated<R> {
         if self.cubes.is_none() {
             return;
         }
-        matrix.rotation.par_chunks_mut(1024).zip(self.rotation.par_chunks(1024)).for_each(|(to, from)| {
-            to.copy_from_slice(from);
-        });
-        for ((lame, shape), columns) in matrix.lame.iter_mut().zip(&self.shape_of).zip(&self.rotation) {
+        write_columns(&self.hexes, &self.hex_q, &mut matrix.rotation);
+        for ((lame, shape), columns) in matrix.lame.iter_mut().zip(&self.shape_of).zip(&matrix.rotation) {
             let (young_modulus, b) = (columns[0][3], columns[1][3]);
             let factor = young_modulus * (R::one() + rate * (b + damping));
             if let Some(cube) = &self.shapes[*shape as usize].cube {

@@ -193,19 +193,16 @@ fn mean_gradient<S: Lane>(shape: &HexShape<S::Scalar>, x: &[Vec3<S>; 8]) -> Mat3
     F
 }
 
-/// Rotations of a task's cells, and the columns of R for the assembly, E and b in their fourth places.
-pub(super) struct Linearise<'a, R> {
+/// Rotations of a task's cells.
+pub(super) struct Rotate<'a, R> {
     pub blocks: &'a [HexBlock<R>],
     pub shapes: &'a [HexShape<R>],
     pub nodes: &'a [[u32; 8]],
     pub position: &'a [[R; 3]],
-    /// False for linear elasticity: rotations stay as they are.
-    pub rotate: bool,
     pub q: &'a mut [[[R; BLOCK]; 4]],
-    pub rotation: &'a mut [[[R; 4]; 3]],
 }
 
-impl<R: Scalar> Kernel for Linearise<'_, R> {
+impl<R: Scalar> Kernel for Rotate<'_, R> {
     type Output = ();
     #[inline(always)]
     fn run<const W: usize>(mut self) {
@@ -225,7 +222,7 @@ impl<R: Scalar> Kernel for Linearise<'_, R> {
     }
 }
 
-impl<R: Scalar> Linearise<'_, R> {
+impl<R: Scalar> Rotate<'_, R> {
     /// Out of line: compiled once and not again for every instruction set.
     #[inline(never)]
     fn one_by_one(&mut self, k: usize, first: usize, width: usize) {
@@ -236,21 +233,35 @@ impl<R: Scalar> Linearise<'_, R> {
 
     #[inline(always)]
     fn cells<const W: usize>(&mut self, k: usize, first: usize) {
-        let block = &self.blocks[k];
-        let cell = k * BLOCK + first;
-        let mut q = load_q::<R, W>(&self.q[k], first);
-        if self.rotate {
-            let x = corners::<R, W>(self.position, self.nodes, cell);
-            q = polar(mean_gradient(&self.shapes[block.shape[first] as usize], &x), q);
-            for c in 0..4 {
-                store(&mut self.q[k][c], first, q[c]);
-            }
+        let shape = &self.shapes[self.blocks[k].shape[first] as usize];
+        let x = corners::<R, W>(self.position, self.nodes, k * BLOCK + first);
+        let q = polar(mean_gradient(shape, &x), load_q::<R, W>(&self.q[k], first));
+        for c in 0..4 {
+            store(&mut self.q[k][c], first, q[c]);
         }
-        let r = rotation(q).0;
-        for (i, out) in self.rotation.iter_mut().skip(cell).take(W).enumerate() {
-            let fourth = [block.scale[first + i], block.damping[first + i], R::zero()];
-            for j in 0..3 {
-                out[j] = [r[0][j].0[i], r[1][j].0[i], r[2][j].0[i], fourth[j]];
+    }
+}
+
+/// What the assembly reads: the columns of R of a task's cells, with E and b in their fourth places.
+pub(super) struct Columns<'a, R> {
+    pub blocks: &'a [HexBlock<R>],
+    pub q: &'a [[[R; BLOCK]; 4]],
+    pub columns: &'a mut [[[R; 4]; 3]],
+}
+
+impl<R: Scalar> Kernel for Columns<'_, R> {
+    type Output = ();
+    #[inline(always)]
+    fn run<const W: usize>(self) {
+        for (k, block) in self.blocks.iter().enumerate() {
+            for first in (0..BLOCK).step_by(W) {
+                let r = rotation(load_q::<R, W>(&self.q[k], first)).0;
+                for (i, out) in self.columns.iter_mut().skip(k * BLOCK + first).take(W).enumerate() {
+                    let fourth = [block.scale[first + i], block.damping[first + i], R::zero()];
+                    for j in 0..3 {
+                        out[j] = [r[0][j].0[i], r[1][j].0[i], r[2][j].0[i], fourth[j]];
+                    }
+                }
             }
         }
     }

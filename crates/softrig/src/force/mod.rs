@@ -9,6 +9,7 @@ mod stvk;
 mod tet;
 
 pub use assembly::Increment;
+pub(crate) use assembly::LONGEST_ROW;
 pub(crate) use corotated::corotated;
 pub use corotated::{Corotated, Rotations};
 pub use hex::{QuadraturePoint, hex_points, hex_stiffness};
@@ -43,6 +44,11 @@ pub trait ForceModel<R: Scalar>: Send {
     /// Writes `f_int(x) + K d + C v` [N] for every node into `force` (overwriting it), with `x` the point given to the last
     /// [`Self::linearise`], `K` its stiffness, `C = Σ b K` over the cells. Returns the elastic energy at `x` [J].
     fn force(&mut self, position: &[[R; 3]], increment: Increment<'_, R>, force: &mut [[R; 3]]) -> f64;
+
+    /// Whether any cell has a stiffness damping of its own; where none has and none is added, velocities need not be given.
+    fn is_damped(&self) -> bool {
+        true
+    }
 
     /// Writes the sum of `(1 + rate (b + damping)) K` over all cells at the last linearisation point into `matrix`
     /// (overwriting it) [N/m]. `rate` [1/s] is what a unit of displacement changes the velocity by; 0 gives K.

@@ -119,19 +119,15 @@ fn gradients<R: Scalar, const W: usize>(block: &TetBlock<R>, first: usize) -> [V
     ]
 }
 
-/// Rotations of a task's cells, and what the assembly reads: the rotated gradients R g_a of each cell, with V lam, V mu, b in
-/// their fourth places.
-pub(super) struct Linearise<'a, R> {
+/// Rotations of a task's cells.
+pub(super) struct Rotate<'a, R> {
     pub blocks: &'a [TetBlock<R>],
     pub nodes: &'a [[u32; 4]],
     pub position: &'a [[R; 3]],
-    /// False for linear elasticity: rotations stay as they are.
-    pub rotate: bool,
     pub q: &'a mut [[[R; BLOCK]; 4]],
-    pub warped: &'a mut [[[R; 4]; 4]],
 }
 
-impl<R: Scalar> Kernel for Linearise<'_, R> {
+impl<R: Scalar> Kernel for Rotate<'_, R> {
     type Output = ();
     #[inline(always)]
     fn run<const W: usize>(self) {
@@ -141,25 +137,37 @@ impl<R: Scalar> Kernel for Linearise<'_, R> {
                 if cell >= self.nodes.len() {
                     break;
                 }
-                let g = gradients::<R, W>(block, first);
-                let mut q = load_q::<R, W>(&self.q[k], first);
-                if self.rotate {
-                    q = polar(gradient_of(corners(self.position, self.nodes, cell), g), q);
-                    for c in 0..4 {
-                        store(&mut self.q[k][c], first, q[c]);
-                    }
+                let F = gradient_of(corners(self.position, self.nodes, cell), gradients::<R, W>(block, first));
+                let q = polar(F, load_q::<R, W>(&self.q[k], first));
+                for c in 0..4 {
+                    store(&mut self.q[k][c], first, q[c]);
                 }
-                let rot = rotation(q);
+            }
+        }
+    }
+}
+
+/// What the assembly reads: the rotated gradients R g_a of corners 1, 2, 3 of a task's cells, with V lam, V mu, b in their fourth
+/// places.
+pub(super) struct Warp<'a, R> {
+    pub blocks: &'a [TetBlock<R>],
+    pub q: &'a [[[R; BLOCK]; 4]],
+    pub warped: &'a mut [[[R; 4]; 3]],
+}
+
+impl<R: Scalar> Kernel for Warp<'_, R> {
+    type Output = ();
+    #[inline(always)]
+    fn run<const W: usize>(self) {
+        for (k, block) in self.blocks.iter().enumerate() {
+            for first in (0..BLOCK).step_by(W) {
+                let rot = rotation(load_q::<R, W>(&self.q[k], first));
+                let g = gradients::<R, W>(block, first);
                 let w = [rot * g[0], rot * g[1], rot * g[2]];
-                let w = [-(w[0] + w[1] + w[2]), w[0], w[1], w[2]];
-                let constants = [
-                    load::<R, W>(&block.lambda, first),
-                    load(&block.mu, first),
-                    load(&block.damping, first),
-                    Wide([R::zero(); W]),
-                ];
-                for (i, out) in self.warped[cell..].iter_mut().take(W).enumerate() {
-                    for a in 0..4 {
+                let constants =
+                    [load::<R, W>(&block.lambda, first), load(&block.mu, first), load(&block.damping, first)];
+                for (i, out) in self.warped.iter_mut().skip(k * BLOCK + first).take(W).enumerate() {
+                    for a in 0..3 {
                         out[a] = [w[a].0[0].0[i], w[a].0[1].0[i], w[a].0[2].0[i], constants[a].0[i]];
                     }
                 }

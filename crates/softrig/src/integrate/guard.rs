@@ -84,6 +84,7 @@ impl<R: Scalar> Integrator<R> for Guarded<R> {
         let bound = Bound::new(body, input);
         let before = motion(body, &self.before);
         let after = motion(body, state);
+        // elastic where last linearised: what a step added since then shows in its speed
         let energy = after.kinetic + output.elastic_energy;
         let fast = after.speed > bound.speed && after.speed > before.speed;
         // the elastic energy before is not known without work: growth shows in the motion, or the whole is many times too large

@@ -205,9 +205,14 @@ impl<R: Scalar> Implicit<R> {
             self.kinematics(body, &c, input, state);
             body.model.linearise(&self.x);
             // f_int + K d + b K v'; d counts only while x does not contain it, and then only prescribed nodes have one
-            let displacement = (linearisation == 0).then_some(&self.d[..]);
-            let increment = Increment { displacement, velocity: Some(&self.v), damping: body.stiffness_damping };
-            body.model.force(&self.x, increment, &mut self.force);
+            let moved = linearisation == 0 && self.d.iter().flatten().any(|d| *d != R::zero());
+            let damped = body.model.is_damped() || body.stiffness_damping != R::zero();
+            let increment = Increment {
+                displacement: moved.then_some(&self.d[..]),
+                velocity: damped.then_some(&self.v[..]),
+                damping: body.stiffness_damping,
+            };
+            output.elastic_energy = body.model.force(&self.x, increment, &mut self.force);
             let norm = self.residual(body, input);
             if linearisation == 0 {
                 first = norm;
@@ -245,16 +250,17 @@ impl<R: Scalar> Implicit<R> {
         self.kinematics(body, &c, input, state);
         finite("position", time, &self.x)?;
         finite("velocity", time, &self.v)?;
-        // holding force and energies with fresh rotations
-        body.model.linearise(&self.x);
-        output.elastic_energy = body.model.force(&self.x, Increment::none(), &mut self.force);
-        output.reaction.resize(n, [R::zero(); 3]);
         output.kinetic_energy = 0.0;
-        for i in 0..n {
-            let on = body.constraints.is_constrained(i);
-            output.reaction[i] = if on { self.force[i] } else { [R::zero(); 3] };
-            let v = self.v[i].map(|v| v.to_f64());
-            output.kinetic_energy += 0.5 * body.mass[i].to_f64() * (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+        for (v, m) in self.v.iter().zip(&body.mass) {
+            let v = v.map(|v| v.to_f64());
+            output.kinetic_energy += 0.5 * m.to_f64() * (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+        }
+        if input.reactions {
+            output.reaction.clear();
+            body.model.linearise(&self.x);
+            output.elastic_energy = body.model.force(&self.x, Increment::none(), &mut self.force);
+            let on = |i: usize| if body.constraints.is_constrained(i) { self.force[i] } else { [R::zero(); 3] };
+            output.reaction.extend((0..n).map(on));
         }
         Ok(())
     }

@@ -61,13 +61,15 @@ pub struct StepInput<'a, R> {
     /// Residual asked of the last linear solve of the step, relative to the right-hand side of the first [-]. Earlier ones
     /// need half the digits (its square root): what they leave, the last one corrects.
     pub tolerance: f64,
+    /// Whether the forces that hold prescribed nodes are wanted: they cost one more evaluation of all cells.
+    pub reactions: bool,
 }
 
 /// What one step did.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct StepOutput<R> {
     /// Force needed to hold each prescribed node [N], zero on free nodes: `f_int` at the end of the step, no inertia, no
-    /// damping [Georgii2010 eq. 1]. The flesh pulls on its bone with `external_force - reaction`.
+    /// damping [Georgii2010 eq. 1]. The flesh pulls on its bone with `external_force - reaction`. Left alone when not asked for.
     pub reaction: Vec<[R; 3]>,
     /// Explicit steps it was cut into; 0 for implicit ones.
     pub substeps: usize,
@@ -79,7 +81,7 @@ pub struct StepOutput<R> {
     pub converged: bool,
     /// The growth guard redid the step with implicit Euler.
     pub guarded: bool,
-    /// Elastic energy at the end of the step [J].
+    /// Elastic energy [J]: at the end of the step where reactions were asked for, else where the step was last linearised.
     pub elastic_energy: f64,
     /// Kinetic energy at the end of the step [J].
     pub kinetic_energy: f64,

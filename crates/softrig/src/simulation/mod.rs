@@ -244,11 +244,11 @@ impl<R: Scalar> Simulation<R> {
         }
         let steps = (self.settings.preroll / SETTLE_STEP).ceil().clamp(0.0, 1e4) as usize;
         let mut euler = Implicit::new(Scheme::ImplicitEuler, 1);
-        for _ in 0..steps {
+        for k in 1..=steps {
             for v in [&mut self.state.velocity, &mut self.state.acceleration] {
                 v.iter_mut().for_each(|v| *v = [R::zero(); 3]);
             }
-            self.step(drive, SETTLE_STEP, Some(&mut euler), report)?;
+            self.step(drive, SETTLE_STEP, Some(&mut euler), k == steps, report)?;
         }
         Ok(())
     }
@@ -258,8 +258,8 @@ impl<R: Scalar> Simulation<R> {
     fn settle_slowly(&mut self, drive: &Drive, report: &mut FrameReport) -> Result<(), StepError> {
         let dt = self.settings.longest_step;
         let steps = (self.settings.preroll / dt).ceil().clamp(0.0, 1e5) as usize;
-        for _ in 0..steps {
-            self.step(drive, dt, None, report)?;
+        for k in 1..=steps {
+            self.step(drive, dt, None, k == steps, report)?;
             let kept = R::from_f64(SETTLE_KEPT.powf(60.0 * dt));
             self.state.velocity.iter_mut().for_each(|v| *v = v.map(|v| kept * v));
         }
@@ -329,7 +329,7 @@ impl<R: Scalar> Simulation<R> {
                 c.to.set(&self.skeleton, &self.binding, &c.end);
             }
             let step = t - self.state.time;
-            if let Err(e) = self.step(&c.to, step, None, &mut report) {
+            if let Err(e) = self.step(&c.to, step, None, s == report.substeps, &mut report) {
                 self.go_back();
                 return Err(e);
             }
@@ -391,12 +391,13 @@ impl<R: Scalar> Simulation<R> {
         self.body.mesh.nodes.iter().enumerate().map(|(n, p)| drive.node(&self.binding, n, *p)).collect()
     }
 
-    /// One step to the pose of `drive`.
+    /// One step to the pose of `drive`; `reactions` for [`Self::collect_joint_force`] after it.
     fn step(
         &mut self,
         drive: &Drive,
         dt: f64,
         integrator: Option<&mut Implicit<R>>,
+        reactions: bool,
         report: &mut FrameReport,
     ) -> Result<(), StepError> {
         self.set_targets(drive, dt);
@@ -407,7 +408,7 @@ impl<R: Scalar> Simulation<R> {
             drive.frames(&self.binding, &self.body.mesh.nodes, next);
             self.integrator.carry(now, next);
         }
-        self.integrate(dt, integrator, report)?;
+        self.integrate(dt, integrator, reactions, report)?;
         if carried {
             self.scratch.frames.swap(0, 1);
         }
@@ -431,6 +432,7 @@ impl<R: Scalar> Simulation<R> {
         &mut self,
         dt: f64,
         integrator: Option<&mut Implicit<R>>,
+        reactions: bool,
         report: &mut FrameReport,
     ) -> Result<(), StepError> {
         let input = StepInput {
@@ -439,6 +441,7 @@ impl<R: Scalar> Simulation<R> {
             external_force: &self.scratch.external_force,
             dt,
             tolerance: self.settings.tolerance,
+            reactions,
         };
         let integrator: &mut dyn Integrator<R> = match integrator {
             Some(euler) => euler,

@@ -158,7 +158,7 @@ impl<R: Scalar> Simulation<R> {
             self.add_pull(pull, dt);
         }
         let set: Vec<[R; 3]> = self.scratch.external_force.clone();
-        self.integrate(dt, None, report)?;
+        self.integrate(dt, None, true, report)?;
         c.now.configuration = configuration;
         c.now.previous = now.iter().map(|p| p.to_array()).collect();
         self.pose = pose;

@@ -285,6 +285,7 @@ fn a_prescribed_node_at_constant_speed_does_not_ring() {
             external_force: &force,
             dt: 1.0 / 60.0,
             tolerance: 1e-10,
+            reactions: true,
         };
         method.step(&mut b, &mut solver, &input, &mut state, &mut output).unwrap();
         for i in (0..b.mass.len()).filter(|i| b.constraints.is_constrained(*i)) {
@@ -432,6 +433,7 @@ fn fast_bones_are_not_guarded() {
             external_force: &force,
             dt: 1.0 / 240.0,
             tolerance: 1e-9,
+            reactions: true,
         };
         method.step(&mut b, &mut solver, &input, &mut state, &mut output).unwrap();
         assert!(state.position.iter().flatten().all(|c| c.abs() < 10.0), "step {step}");

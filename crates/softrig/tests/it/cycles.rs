@@ -396,6 +396,7 @@ fn coarse_operators_follow_the_rotation_of_the_cells() {
             external_force: &case.load,
             dt: 1e-3,
             tolerance: 1e-4,
+            reactions: true,
         };
         integrator.step(&mut case.body, &mut solver, &input, &mut state, &mut StepOutput::default()).unwrap();
     }

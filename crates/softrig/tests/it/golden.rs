@@ -274,6 +274,7 @@ fn newmark<R: Scalar>(tolerance: f64) {
                 external_force: &force,
                 dt: h,
                 tolerance: 1e-12,
+                reactions: true,
             };
             method.step(&mut b, &mut solver, &input, &mut state, &mut output).unwrap();
         }

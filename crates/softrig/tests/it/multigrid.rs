@@ -155,6 +155,7 @@ fn steps_by_cubes_are_those_of_the_assembled_matrix() {
                 external_force: &weight,
                 dt: 1.0 / 60.0,
                 tolerance: 1e-10,
+                reactions: true,
             };
             integrator.step(&mut body, &mut *solver, &input, &mut state, &mut output).unwrap();
             assert!(output.residual <= 1e-10 && output.converged);

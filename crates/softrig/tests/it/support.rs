@@ -139,6 +139,7 @@ pub fn still_step<R: Scalar>(
         external_force: force,
         dt,
         tolerance: 1e-9_f64.max(8.0 * R::EPSILON.to_f64()),
+        reactions: true,
     };
     integrator.step(body, solver, &input, state, &mut output)?;
     Ok(output)

@@ -11,7 +11,9 @@ use crate::args::BenchArgs;
 use crate::failure::{Failure, Outcome};
 use crate::load::shared_folder;
 use crate::ui;
+pub use measure::Time;
 use measure::{Measurement, measure};
+pub use stages::{Clocks, TimedModel, TimedSolver};
 
 /// Measures the named bodies (the two standard ones without names) and prints some lines or a JSON object for each.
 ///

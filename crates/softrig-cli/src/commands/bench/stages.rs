@@ -79,6 +79,10 @@ impl<R: Scalar> ForceModel<R> for TimedModel<R> {
         timed(&self.clocks.forces, || self.inner.force(position, increment, force))
     }
 
+    fn is_damped(&self) -> bool {
+        self.inner.is_damped()
+    }
+
     fn stiffness(&mut self, rate: R, damping: R, matrix: &mut BlockCsr<R>) {
         timed(&self.clocks.assembly, || self.inner.stiffness(rate, damping, matrix));
     }

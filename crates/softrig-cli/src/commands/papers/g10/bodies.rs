@@ -11,7 +11,7 @@ use softrig::mesh::{
     self, CellKind, HierarchyOptions, LatticeOptions, Prolongation, Resolution, VolumeMesh, hierarchy,
     nested_hierarchy, renumbered, tetrahedralize,
 };
-use softrig_linalg::{BlockCsr, DofConstraints};
+use softrig_linalg::{BlockCsr, DofConstraints, Scalar};
 
 /// A body and what its solver needs.
 pub struct PaperBody {
@@ -139,7 +139,7 @@ impl Spine {
 }
 
 /// Flesh of the figures: E 5e4 Pa, 1000 kg/m3, undamped.
-pub fn flesh(body: &PaperBody, poisson_ratio: f64) -> Result<Body<f64>, Failure> {
+pub fn flesh<R: Scalar>(body: &PaperBody, poisson_ratio: f64) -> Result<Body<R>, Failure> {
     let material =
         Material { young_modulus: 5e4, poisson_ratio, density: 1000.0, mass_damping: 0.0, stiffness_damping: 0.0 };
     let constraints = DofConstraints::from_mask(body.spine.bound());

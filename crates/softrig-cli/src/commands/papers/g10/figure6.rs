@@ -17,7 +17,7 @@ pub fn run(job: &Job, results: &Results) -> Outcome {
     let body = bar(if job.quick { 2 } else { 3 })?;
     let mut rows = Vec::new();
     for (regime, dt) in [("dynamic", Some(1.0 / 30.0)), ("static", None)] {
-        let mut flesh = flesh(&body, 0.3)?;
+        let mut flesh = flesh::<f64>(&body, 0.3)?;
         let matrix = system(&mut flesh, dt);
         let load = flesh.weight([0.0, -9.81, 0.0]);
         let multigrid = |count, marking| {
