@@ -23,7 +23,7 @@ pub use block::{BlockCsr, BlockPattern};
 pub use constraint::DofConstraints;
 pub use cubes::{CubeMatrix, CubePattern};
 pub use lane::{Lane, Wide};
-pub use scalar::Scalar;
+pub use scalar::{Scalar, either};
 pub use small::{Mat3, Vec3};
 pub use solver::{LinearSolver, LinearSystem, SolveError, SolveReport, Traffic};
 pub use wide::{Instructions, Kernel, run_wide, run_wide_with};

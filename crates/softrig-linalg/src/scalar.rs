@@ -2,6 +2,7 @@
 
 use crate::lane::Lane;
 use crate::solver::sliced::{self, SLICE, Step};
+use std::any::{Any, TypeId};
 
 mod sealed {
     pub trait Sealed {}
@@ -126,6 +127,28 @@ fn transposed_f64(rows: [&[f64; 4]; 4]) -> [[f64; 4]; 4] {
         }
     }
     out
+}
+
+/// `single()` where `R` is f32, `double()` where it is f64: both are `T`, spelled with the number in place of `R`.
+///
+/// A generic type is compiled anew in every crate that makes one. With constructors that are not generic behind this it is compiled
+/// once, where it is written: for kernels in three instruction sets that is minutes.
+///
+/// ```
+/// use softrig_linalg::{Scalar, either};
+///
+/// fn name<R: Scalar>() -> Vec<R> {
+///     either(|| vec![1.0f32], || vec![1.0f64])
+/// }
+/// assert_eq!(name::<f64>(), [1.0]);
+/// ```
+///
+/// # Panics
+/// When `S` is not `T` for f32, or `D` is not for f64.
+pub fn either<T: 'static, S: 'static, D: 'static>(single: impl FnOnce() -> S, double: impl FnOnce() -> D) -> T {
+    let made: Box<dyn Any> =
+        if TypeId::of::<T>() == TypeId::of::<S>() { Box::new(single()) } else { Box::new(double()) };
+    *made.downcast().expect("a scalar is f32 or f64")
 }
 
 #[cfg(test)]

@@ -16,7 +16,7 @@ pub(crate) mod sliced;
 pub use adapted::Adapted;
 pub use auto::Auto;
 pub use direct::Direct;
-pub use multigrid::{Interpolation, Marking, Multigrid, MultigridSettings, Outer, Rebuild, Smoother};
+pub use multigrid::{Interpolation, Marking, Multigrid, MultigridSettings, Outer, Rebuild, Smoother, multigrid};
 pub use pcg::Pcg;
 pub use precondition::{Operator, Preconditioner};
 

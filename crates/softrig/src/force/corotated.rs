@@ -11,8 +11,7 @@ use super::tet::{self, BLOCK, TASK, TetBlock, TetConstants, tet_gradients};
 use crate::material::MaterialMap;
 use crate::mesh::VolumeMesh;
 use rayon::prelude::*;
-use softrig_linalg::{BlockCsr, BlockPattern, CubeMatrix, CubePattern, Scalar, par, run_wide};
-use std::any::{Any, TypeId};
+use softrig_linalg::{BlockCsr, BlockPattern, CubeMatrix, CubePattern, Scalar, either, par, run_wide};
 use std::collections::HashMap;
 use std::sync::Arc;
 
@@ -143,20 +142,14 @@ fn quads<R: Scalar, const N: usize>(force: &mut [[[R; 3]; N]], count: usize) -> 
     &mut all.as_chunks_mut::<4>().0.as_chunks_mut::<3>().0[..count]
 }
 
-/// The model behind its trait, for either number. The two are compiled here, once, and not again in every crate that makes a
-/// body: the kernels come in three instruction sets each.
+/// The model behind its trait.
 pub(crate) fn corotated<R: Scalar>(
     mesh: &VolumeMesh,
-    materials: &MaterialMap,
+    map: &MaterialMap,
     pattern: Arc<BlockPattern>,
     rotations: Rotations,
 ) -> Box<dyn ForceModel<R>> {
-    let model: Box<dyn Any> = if TypeId::of::<R>() == TypeId::of::<f32>() {
-        Box::new(single(mesh, materials, pattern, rotations))
-    } else {
-        Box::new(double(mesh, materials, pattern, rotations))
-    };
-    *model.downcast().expect("a scalar is f32 or f64")
+    either(|| single(mesh, map, pattern.clone(), rotations), || double(mesh, map, pattern.clone(), rotations))
 }
 
 fn single(m: &VolumeMesh, map: &MaterialMap, p: Arc<BlockPattern>, r: Rotations) -> Box<dyn ForceModel<f32>> {

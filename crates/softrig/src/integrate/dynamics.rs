@@ -2,7 +2,7 @@
 
 use super::{Guarded, Implicit, Integrator, Scheme};
 use serde::{Deserialize, Serialize};
-use softrig_linalg::Scalar;
+use softrig_linalg::{Scalar, either};
 
 /// How flesh moves in time.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
@@ -46,6 +46,14 @@ impl Dynamics {
     /// The method inside the growth guard.
     #[must_use]
     pub fn integrator<R: Scalar>(self) -> Box<dyn Integrator<R>> {
-        Box::new(Guarded::new(self.method()))
+        either(|| single(self), || double(self))
     }
+}
+
+fn single(dynamics: Dynamics) -> Box<dyn Integrator<f32>> {
+    Box::new(Guarded::new(dynamics.method()))
+}
+
+fn double(dynamics: Dynamics) -> Box<dyn Integrator<f64>> {
+    Box::new(Guarded::new(dynamics.method()))
 }

@@ -13,7 +13,7 @@ use super::system::StepSystem;
 use super::{Integrator, State, StepError, StepInput, StepOutput};
 use crate::body::Body;
 use crate::force::Increment;
-use softrig_linalg::{BlockCsr, BlockPattern, CubeMatrix, DofConstraints, LinearSolver, Scalar};
+use softrig_linalg::{BlockCsr, BlockPattern, CubeMatrix, DofConstraints, LinearSolver, Scalar, either};
 use std::sync::Arc;
 
 /// A time integration scheme.
@@ -85,6 +85,20 @@ struct Prepared {
     pattern: Arc<BlockPattern>,
     constraints: DofConstraints,
     solver: usize,
+}
+
+/// [`Implicit`] behind its trait.
+#[must_use]
+pub fn implicit<R: Scalar>(scheme: Scheme, linearisations: usize) -> Box<dyn Integrator<R>> {
+    either(|| single(scheme, linearisations), || double(scheme, linearisations))
+}
+
+fn single(scheme: Scheme, linearisations: usize) -> Box<dyn Integrator<f32>> {
+    Box::new(Implicit::new(scheme, linearisations))
+}
+
+fn double(scheme: Scheme, linearisations: usize) -> Box<dyn Integrator<f64>> {
+    Box::new(Implicit::new(scheme, linearisations))
 }
 
 impl<R: Scalar> Implicit<R> {

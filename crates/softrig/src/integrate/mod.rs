@@ -10,7 +10,7 @@ mod system;
 
 pub use dynamics::Dynamics;
 pub use guard::Guarded;
-pub use implicit::{Implicit, Scheme};
+pub use implicit::{Implicit, Scheme, implicit};
 pub use start::initial_acceleration;
 pub(crate) use system::StepSystem;
 

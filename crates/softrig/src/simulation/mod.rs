@@ -29,7 +29,7 @@ use crate::character::Character;
 use crate::couple::{BindError, Binding};
 use crate::force::ElasticModel;
 use crate::frame::Frame;
-use crate::integrate::{Dynamics, Implicit, Integrator, NodeFrame, Scheme, State, StepError, StepInput, StepOutput};
+use crate::integrate::{Dynamics, Integrator, NodeFrame, Scheme, State, StepError, StepInput, StepOutput, implicit};
 use crate::material::MaterialMap;
 use crate::mesh::{self, VolumeMesh};
 use crate::rig::{Pose, Skeleton, Transform};
@@ -243,12 +243,12 @@ impl<R: Scalar> Simulation<R> {
             return self.settle_slowly(drive, report);
         }
         let steps = (self.settings.preroll / SETTLE_STEP).ceil().clamp(0.0, 1e4) as usize;
-        let mut euler = Implicit::new(Scheme::ImplicitEuler, 1);
+        let mut euler = implicit(Scheme::ImplicitEuler, 1);
         for k in 1..=steps {
             for v in [&mut self.state.velocity, &mut self.state.acceleration] {
                 v.iter_mut().for_each(|v| *v = [R::zero(); 3]);
             }
-            self.step(drive, SETTLE_STEP, Some(&mut euler), k == steps, report)?;
+            self.step(drive, SETTLE_STEP, Some(&mut *euler), k == steps, report)?;
         }
         Ok(())
     }
@@ -396,7 +396,7 @@ impl<R: Scalar> Simulation<R> {
         &mut self,
         drive: &Drive,
         dt: f64,
-        integrator: Option<&mut Implicit<R>>,
+        integrator: Option<&mut dyn Integrator<R>>,
         reactions: bool,
         report: &mut FrameReport,
     ) -> Result<(), StepError> {
@@ -431,7 +431,7 @@ impl<R: Scalar> Simulation<R> {
     fn integrate(
         &mut self,
         dt: f64,
-        integrator: Option<&mut Implicit<R>>,
+        integrator: Option<&mut dyn Integrator<R>>,
         reactions: bool,
         report: &mut FrameReport,
     ) -> Result<(), StepError> {

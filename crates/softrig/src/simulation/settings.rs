@@ -3,7 +3,7 @@
 use crate::integrate::{Dynamics, StepOutput};
 use crate::mesh::{HierarchyOptions, Prolongation, VolumeMesh, hierarchy};
 use softrig_linalg::solver::{Auto, Direct, Interpolation, Multigrid, MultigridSettings, Pcg};
-use softrig_linalg::{LinearSolver, Scalar};
+use softrig_linalg::{LinearSolver, Scalar, either};
 
 /// Which linear solver.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -41,14 +41,26 @@ impl SolverKind {
     /// The solver for a body of that mesh.
     #[must_use]
     pub fn build_with<R: Scalar>(self, mesh: &VolumeMesh, options: &MultigridOptions) -> Box<dyn LinearSolver<R>> {
-        let levels = || interpolations(hierarchy(mesh, &options.hierarchy));
-        let multigrid = || Multigrid::with_settings(levels(), options.settings);
-        match self {
-            Self::Multigrid => Box::new(multigrid()),
-            Self::Pcg => Box::new(Pcg::default()),
-            Self::Direct => Box::new(Direct::default()),
-            Self::Auto => Box::new(Auto::new(multigrid())),
-        }
+        either(|| single(self, mesh, options), || double(self, mesh, options))
+    }
+}
+
+fn single(kind: SolverKind, mesh: &VolumeMesh, options: &MultigridOptions) -> Box<dyn LinearSolver<f32>> {
+    build(kind, mesh, options)
+}
+
+fn double(kind: SolverKind, mesh: &VolumeMesh, options: &MultigridOptions) -> Box<dyn LinearSolver<f64>> {
+    build(kind, mesh, options)
+}
+
+fn build<R: Scalar>(kind: SolverKind, mesh: &VolumeMesh, options: &MultigridOptions) -> Box<dyn LinearSolver<R>> {
+    let levels = || interpolations(hierarchy(mesh, &options.hierarchy));
+    let multigrid = || Multigrid::with_settings(levels(), options.settings);
+    match kind {
+        SolverKind::Multigrid => Box::new(multigrid()),
+        SolverKind::Pcg => Box::new(Pcg::default()),
+        SolverKind::Direct => Box::new(Direct::default()),
+        SolverKind::Auto => Box::new(Auto::new(multigrid())),
     }
 }
 

@@ -8,7 +8,7 @@ use crate::report::peak_rss_mib;
 use serde::Serialize;
 use softrig::body::Body;
 use softrig::force::ElasticModel;
-use softrig::integrate::{Implicit, Integrator, Scheme, State, StepInput, StepOutput, initial_acceleration};
+use softrig::integrate::{Scheme, State, StepInput, StepOutput, implicit, initial_acceleration};
 use softrig::material::{Material, MaterialMap};
 use softrig::simulation::SolverKind;
 use softrig_linalg::{DofConstraints, LinearSolver, Scalar, Traffic};
@@ -205,7 +205,7 @@ pub fn measure(bench: BenchBody, kind: SolverKind) -> Result<Measurement, Failur
     let model = TimedModel { inner: body.model, clocks: clocks.clone() };
     let mut body = Body { model: Box::new(model), ..body };
     let mut solver = TimedSolver { inner: kind.build::<f64>(&body.mesh), clocks: clocks.clone() };
-    let mut integrator = Implicit::new(Scheme::Newmark { beta: 0.25, gamma: 0.5 }, 1);
+    let mut integrator = implicit(Scheme::Newmark { beta: 0.25, gamma: 0.5 }, 1);
     let weight = body.weight([0.0, -9.81, 0.0]);
     let still = vec![[0.0; 3]; rest.len()];
     let mut state = State::at_rest(rest.clone());

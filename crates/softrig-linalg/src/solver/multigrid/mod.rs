@@ -25,7 +25,7 @@ pub(super) use cycle::Cycle;
 use super::free::FreePattern;
 use super::pcg::{ITERATION_LIMIT, Iteration, Source};
 use super::{BELOW_SINGLE, LinearSolver, LinearSystem, Preconditioner, SolveError, SolveReport, Stored, Traffic};
-use crate::{BlockCsr, BlockPattern, DofConstraints, Scalar};
+use crate::{BlockCsr, BlockPattern, DofConstraints, Scalar, either};
 use age::Age;
 use level::order_for;
 use std::sync::Arc;
@@ -52,6 +52,20 @@ pub struct Multigrid<R> {
     /// Rotations of the cells at the last rebuild, and now.
     built: Vec<[R; 4]>,
     turned: Vec<[R; 4]>,
+}
+
+/// [`Multigrid`] behind its trait.
+#[must_use]
+pub fn multigrid<R: Scalar>(hierarchy: Vec<Interpolation>, settings: MultigridSettings) -> Box<dyn LinearSolver<R>> {
+    either(|| single(hierarchy.clone(), settings), || double(hierarchy.clone(), settings))
+}
+
+fn single(hierarchy: Vec<Interpolation>, settings: MultigridSettings) -> Box<dyn LinearSolver<f32>> {
+    Box::new(Multigrid::with_settings(hierarchy, settings))
+}
+
+fn double(hierarchy: Vec<Interpolation>, settings: MultigridSettings) -> Box<dyn LinearSolver<f64>> {
+    Box::new(Multigrid::with_settings(hierarchy, settings))
 }
 
 impl<R: Scalar> Multigrid<R> {

@@ -5,9 +5,9 @@ use super::{Job, Results, failed};
 use crate::commands::bench::{Clocks, Time, TimedModel, TimedSolver};
 use crate::failure::{Failure, Outcome};
 use softrig::body::Body;
-use softrig::integrate::{Implicit, Integrator, Scheme, State, StepInput, StepOutput};
+use softrig::integrate::{Scheme, State, StepInput, StepOutput, implicit};
 use softrig::simulation::interpolations;
-use softrig_linalg::solver::{Multigrid, MultigridSettings, Rebuild};
+use softrig_linalg::solver::{MultigridSettings, Rebuild, multigrid};
 use softrig_linalg::{DofConstraints, LinearSolver, Scalar};
 use std::sync::Arc;
 use std::time::Instant;
@@ -80,8 +80,8 @@ fn measure<R: Scalar>(job: &Job, paper: &PaperBody, settings: MultigridSettings)
     let body = flesh::<R>(paper, 0.3)?;
     let model = TimedModel { inner: body.model, clocks: clocks.clone() };
     let mut body = Body { model: Box::new(model), ..body };
-    let inner = Multigrid::with_settings(interpolations(paper.levels.clone()), settings);
-    let mut solver = TimedSolver { inner: Box::new(inner), clocks: clocks.clone() };
+    let inner = multigrid(interpolations(paper.levels.clone()), settings);
+    let mut solver = TimedSolver { inner, clocks: clocks.clone() };
     // first without a skeleton, then with it: what changing the constraints costs
     solver.prepare(&body.pattern, &DofConstraints::none(body.mesh.node_count())).map_err(|e| at(&e))?;
     let start = Instant::now();
@@ -90,7 +90,7 @@ fn measure<R: Scalar>(job: &Job, paper: &PaperBody, settings: MultigridSettings)
     let init = start.elapsed().as_secs_f64() * 1e3;
 
     // implicit Euler: Newmark with one linearisation gains energy (numerics 3.4)
-    let mut integrator = Implicit::new(Scheme::ImplicitEuler, 1);
+    let mut integrator = implicit(Scheme::ImplicitEuler, 1);
     let cast = |x: &[f64; 3]| x.map(R::from_f64);
     let weight = body.weight([0.0, -9.81, 0.0]);
     let mut state = State::at_rest(body.mesh.nodes.iter().map(cast).collect());
