@@ -30,6 +30,9 @@ struct Arguments {
     /// Bones that the flesh moves, instead of bones that stand still.
     #[arg(long)]
     two_way: bool,
+    /// How often softrig linearises a step with --two-way; rapier3d does once.
+    #[arg(long, default_value_t = 1)]
+    linearisations: usize,
     /// softrig's linear solver; the default one with --two-way.
     #[arg(long, value_parser = solver, default_value = "multigrid")]
     solver: SolverKind,
@@ -51,18 +54,26 @@ fn cubes(text: &str) -> Result<[usize; 3], String> {
 
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments = Arguments::parse();
-    // one thread in both engines; rapier's own threads are a feature that is off
-    rayon::ThreadPoolBuilder::new().num_threads(1).build_global()?;
+    // one thread in both engines, and all on that thread: loops that are handed to it from another wait for it each time.
+    // rapier's own threads are a feature that is off
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
+    pool.install(|| compare_all(&arguments).map_err(|e| e.to_string()))?;
+    Ok(())
+}
+
+fn compare_all(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
     if arguments.two_way {
-        println!("| tetrahedra | softrig [ms] | rapier3d [ms] | ratio | bound by softrig | attached in rapier3d |");
-        println!("|---|---|---|---|---|---|");
-        return arguments.cubes.iter().try_for_each(|c| compare_two_way(*c, &arguments));
+        println!(
+            "| tetrahedra | softrig [ms] | rapier3d [ms] | ratio | sag of softrig [mm] | of rapier3d [mm] | iterations of softrig | bound by softrig | attached in rapier3d |"
+        );
+        println!("|---|---|---|---|---|---|---|---|---|");
+        return arguments.cubes.iter().try_for_each(|c| compare_two_way(*c, arguments));
     }
     println!(
         "| tetrahedra | softrig [ms] | rapier3d [ms] | ratio | sag of softrig [mm] | of rapier3d [mm] | iterations of softrig |"
     );
     println!("|---|---|---|---|---|---|---|");
-    arguments.cubes.iter().try_for_each(|c| compare(*c, &arguments))
+    arguments.cubes.iter().try_for_each(|c| compare(*c, arguments))
 }
 
 /// Both engines on one box, a line of the table.
@@ -99,22 +110,33 @@ fn compare(cubes: [usize; 3], arguments: &Arguments) -> Result<(), Box<dyn Error
 /// The same with bones that move.
 fn compare_two_way(cubes: [usize; 3], arguments: &Arguments) -> Result<(), Box<dyn Error>> {
     let flesh = FleshBox::new(cubes);
-    let mut own = two_way::TwoWayBox::new(&flesh, arguments.young_modulus)?;
+    let mut own = two_way::TwoWayBox::new(&flesh, arguments.young_modulus, arguments.linearisations)?;
     let mut peer = rapier::Peer::two_way(&flesh, arguments.young_modulus, arguments.cap);
     let mut times = [Vec::new(), Vec::new()];
+    let mut iterations = 0;
     for step in 0..arguments.steps.max(2) {
         let start = Instant::now();
-        own.step()?;
+        let report = own.step()?;
         let between = Instant::now();
         peer.step();
         if step > 0 {
             times[0].push((between - start).as_secs_f64() * 1e3);
             times[1].push(between.elapsed().as_secs_f64() * 1e3);
+            iterations += report.iterations;
         }
     }
+    let counted = times[0].len();
     let [own_times, peer_times] = times.map(statistics);
-    let table = both(own_times, peer_times);
-    println!("| {} | {table} | {} | {} |", flesh.tets.len(), own.bound(), flesh.bone.len());
+    println!(
+        "| {} | {} | {:.2} | {:.2} | {:.1} | {} | {} |",
+        flesh.tets.len(),
+        both(own_times, peer_times),
+        1e3 * flesh.sag(|n| own.height(n)),
+        1e3 * flesh.sag(|n| peer.height(n)),
+        iterations as f64 / counted as f64,
+        own.bound(),
+        flesh.bone.len(),
+    );
     Ok(())
 }
 

@@ -1,10 +1,10 @@
 //! The box in softrig with two bones that its flesh moves: the core of the box bound to them, ball joints between them and to the
 //! world.
 
-use crate::boxes::{CUBE, FleshBox};
+use crate::boxes::FleshBox;
 use crate::scene;
 use softrig::character::{Character, CharacterMesh, Skin, SkinWeights};
-use softrig::couple::{BindSettings, Binding, BoneRule};
+use softrig::couple::{BindSettings, Binding};
 use softrig::integrate::Dynamics;
 use softrig::material::{Material, MaterialMap};
 use softrig::mesh::{boundary_faces, renumbered};
@@ -13,21 +13,26 @@ use softrig::simulation::{Coupling, FrameReport, RestMotion, Simulation, Simulat
 use std::error::Error;
 use std::f64::consts::PI;
 
-/// A coupled simulation of the box.
+/// A coupled simulation of the box, in the peer's numbers.
 pub struct TwoWayBox {
-    simulation: Simulation<f64>,
+    simulation: Simulation<f32>,
     character: Character,
     frame: usize,
+    /// Numbers of the nodes of the flesh box here.
+    old: Vec<usize>,
 }
 
 impl TwoWayBox {
-    /// Implicit Euler; free ball joints, the root pinned.
-    pub fn new(flesh: &FleshBox, young_modulus: f64) -> Result<Self, Box<dyn Error>> {
+    /// Implicit Euler with so many linearisations; free ball joints, the root pinned.
+    pub fn new(flesh: &FleshBox, young_modulus: f64, linearisations: usize) -> Result<Self, Box<dyn Error>> {
         let character = character(flesh)?;
-        let (mesh, _) = renumbered(&flesh.mesh());
-        let core = BoneRule::Radius(1.5 * f64::from(CUBE));
-        let bones = ["near", "far"].map(|name| (name.to_owned(), core.clone())).to_vec();
-        let binding = Binding::new(&character, &mesh, &BindSettings { bones, ..BindSettings::default() })?;
+        let (mesh, order) = renumbered(&flesh.mesh());
+        let mut old = vec![0; order.len()];
+        order.iter().enumerate().for_each(|(new, n)| old[*n as usize] = new);
+        let mut binding = Binding::new(&character, &mesh, &BindSettings::default())?;
+        // the peer's nodes and no others
+        binding.bound.fill(false);
+        flesh.bone.iter().for_each(|n| binding.bound[old[*n as usize]] = true);
         let material = Material {
             young_modulus,
             poisson_ratio: scene::POISSON_RATIO,
@@ -40,6 +45,7 @@ impl TwoWayBox {
             tolerance: scene::TOLERANCE,
             preroll: 0.0,
             longest_step: scene::STEP,
+            coupled_linearisations: linearisations,
             ..SimulationSettings::default()
         };
         let materials = MaterialMap::uniform(material);
@@ -50,14 +56,23 @@ impl TwoWayBox {
         let two_way = TwoWay { scheme: TwoWayScheme::Monolithic, joints, root: RootKind::Pinned };
         simulation.couple(&Coupling::TwoWay(two_way), Vec::new())?;
         simulation.start(&RestMotion(&character.skeleton))?;
-        Ok(Self { simulation, character, frame: 0 })
+        Ok(Self { simulation, character, frame: 0, old })
     }
 
     /// One step.
     pub fn step(&mut self) -> Result<FrameReport, Box<dyn Error>> {
         self.frame += 1;
         let time = self.frame as f64 * scene::STEP;
-        Ok(self.simulation.advance(&RestMotion(&self.character.skeleton), time)?)
+        let report = self.simulation.advance(&RestMotion(&self.character.skeleton), time)?;
+        match report.substeps {
+            1 => Ok(report),
+            n => Err(format!("step {} was cut into {n}, as bones are fast; ask for fewer --steps", self.frame).into()),
+        }
+    }
+
+    /// Height of a node [m].
+    pub fn height(&self, node: usize) -> f64 {
+        f64::from(self.simulation.state.position[self.old[node]][1])
     }
 
     /// How many nodes are bound.
@@ -79,7 +94,7 @@ fn character(flesh: &FleshBox) -> Result<Character, Box<dyn Error>> {
     let middle = 0.5 * (start + end);
     let mut weights = SkinWeights::default();
     for x in &positions {
-        let far = (0.5 + 0.25 * (x[0] - middle) / f64::from(CUBE)).clamp(0.0, 1.0) as f32;
+        let far = if x[0] > middle { 1.0 } else { 0.0 };
         weights.push([(JointId(0), 1.0 - far), (JointId(1), far)]);
     }
     let joint = |name: &str, parent: Option<u32>, x: f64, world: f64| Joint {

@@ -167,7 +167,8 @@ impl<R: Scalar> Simulation<R> {
         let dt = t - self.state.time;
         self.forces(c, t, dt);
         let method = self.settings.dynamics.method::<R>();
-        let (mut scheme, mut linearisations) = (method.scheme, method.linearisations.max(2));
+        let least = self.settings.coupled_linearisations;
+        let (mut scheme, mut linearisations) = (method.scheme, method.linearisations.max(least));
         c.step.state.copy(&self.state);
         c.step.pose.world.clone_from(&self.pose.world);
         c.before_step.copy(&c.now);
