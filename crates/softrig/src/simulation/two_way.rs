@@ -1,8 +1,8 @@
 //! Advancing flesh and skeleton together.
 
+use super::advance::{LONGEST_MOVE, LONGEST_TURN, MOST_SUBSTEPS, TELEPORT_RATIO, TELEPORT_SHARE};
 use super::coupling::{CoupledState, JointReaction};
-use super::{Course, FrameReport, LONGEST_MOVE, LONGEST_TURN, MOST_SUBSTEPS, Motion, START_LOOK, Simulation};
-use super::{TELEPORT_RATIO, TELEPORT_SHARE};
+use super::{Course, FrameReport, Motion, START_LOOK, Simulation};
 use crate::couple::{Coupled, CoupledInput};
 use crate::integrate::{Scheme, StepError};
 use crate::rig::{Base, JointId, Pose};
