@@ -138,6 +138,7 @@ fn settings(scene: &Scene) -> SimulationSettings {
         preroll: scene.motion.preroll,
         sag: scene.motion.sag,
         longest_step: s.step.unwrap_or(SimulationSettings::default().longest_step),
+        ..SimulationSettings::default()
     }
 }
 
