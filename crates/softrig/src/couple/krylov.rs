@@ -132,6 +132,8 @@ pub(crate) struct Parts<'a, R> {
 pub(crate) struct Krylov {
     /// The solution; also where the iteration starts.
     pub x: Pair,
+    /// Nothing has moved it from zero yet.
+    at_zero: bool,
     /// Its true residual.
     left: Pair,
     d: Light,
@@ -166,6 +168,7 @@ impl Krylov {
     /// Makes room, and starts from zero.
     pub fn start(&mut self, nodes: usize, unknowns: usize, bones: usize) {
         self.x.resize(nodes, unknowns);
+        self.at_zero = true;
         self.left.resize(nodes, unknowns);
         for v in [&mut self.d, &mut self.r, &mut self.z, &mut self.p, &mut self.q] {
             v.resize(nodes, unknowns);
@@ -192,6 +195,7 @@ impl Krylov {
 
     /// Moves the solution by a change of the skeleton's unknowns, flesh along.
     pub fn turn<R: Scalar>(&mut self, parts: &Parts<'_, R>, change: &[f64]) {
+        self.at_zero = false;
         self.x.joint.iter_mut().zip(change).for_each(|(x, c)| *x += c);
         parts.joints.twists(change, &mut self.twist);
         self.wide.clear();
@@ -207,6 +211,11 @@ impl Krylov {
 
     /// left = rhs − (system) x in f64. Returns its size.
     fn true_residual<R: Scalar>(&mut self, parts: &mut Parts<'_, R>, rhs: &Pair, length: f64) -> f64 {
+        if self.at_zero {
+            self.left.joint.clone_from(&rhs.joint);
+            self.left.node.clone_from(&rhs.node);
+            return self.left.size(length);
+        }
         let n = self.x.joint.len();
         parts.joints.twists(&self.x.joint, &mut self.twist);
         let (x, nodes, twist, role) = (&self.x.node, &*parts.nodes, &self.twist, parts.role);

@@ -20,10 +20,12 @@ const ROUNDS: usize = 5;
 const SHIFT: f64 = 1e-7;
 /// What making the lagging parts anew is worth, in iterations.
 const RENEWAL: usize = 10;
+/// Steps that differ by less than this share are the same to what lags behind [-]: frames end at rounded times.
+const OTHER_STEP: f64 = 0.02;
 
 impl Lag {
     fn is_stale(&self, dt: f64) -> bool {
-        self.fresh.is_empty() || self.stale || self.dt != dt
+        self.fresh.is_empty() || self.stale || (dt - self.dt).abs() > OTHER_STEP * self.dt
     }
 
     fn note(&mut self, linearisation: usize, iterations: usize) {
