@@ -199,7 +199,7 @@ pub struct ConvertArgs {
 /// `softrig bench`.
 #[derive(Debug, Args)]
 pub struct BenchArgs {
-    /// Bodies to measure: bar, cow, bar_s, bar_m, bar_l, dragon, and character_N with N cells, as in character_8k [default: bar cow]
+    /// Bodies to measure: bar, cow, bar_s, bar_m, bar_l, dragon, character_N with N cells, as in character_8k, and two_way_N, that one way and two-way [default: bar cow]
     pub names: Vec<String>,
     /// Linear solver [default: multigrid]
     #[arg(long, value_name = "NAME")]

@@ -11,23 +11,16 @@ use std::sync::Arc;
 use std::time::Instant;
 
 /// Frames of 1/60 s.
-const FRAMES: usize = 31;
+pub const FRAMES: usize = 31;
 /// Frame length [s].
-const FRAME: f64 = 1.0 / 60.0;
+pub const FRAME: f64 = 1.0 / 60.0;
 
 /// Measures `name` with about so many cells, written as a number of thousands and a k, or plainly.
 ///
 /// # Errors
 /// As [`super::run`].
 pub fn measure(name: &str, cells: &str, solver: SolverKind) -> Result<Measurement, Failure> {
-    let (digits, factor) = cells.strip_suffix('k').map_or((cells, 1), |d| (d, 1000));
-    let cells =
-        digits.parse::<usize>().ok().and_then(|n| n.checked_mul(factor)).filter(|n| (100..=1_000_000).contains(n));
-    let cells = cells.ok_or_else(|| {
-        Failure::Usage(format!(
-            "`{name}`: after character_ comes a number of cells from 100 to 1000k, as in character_8k"
-        ))
-    })?;
+    let cells = cell_count(name, "character_", cells)?;
     let mut scene = Scene { character: SAMPLE.into(), ..Scene::default() };
     scene.body.cells = Some(cells);
     let prepared = Prepared::new(&scene, load::scene_character(&scene)?)?;
@@ -70,4 +63,17 @@ pub fn measure(name: &str, cells: &str, solver: SolverKind) -> Result<Measuremen
     let position = simulation.state.position.clone();
     let m = record.measurement(name, size, solver.name(), &clocks, None);
     Ok(Measurement { state_hash: hash(&position), ..m })
+}
+
+/// The number of cells after a prefix.
+///
+/// # Errors
+/// [`Failure::Usage`] when it is none.
+pub fn cell_count(name: &str, prefix: &str, cells: &str) -> Result<usize, Failure> {
+    let (digits, factor) = cells.strip_suffix('k').map_or((cells, 1), |d| (d, 1000));
+    let cells =
+        digits.parse::<usize>().ok().and_then(|n| n.checked_mul(factor)).filter(|n| (100..=1_000_000).contains(n));
+    cells.ok_or_else(|| {
+        Failure::Usage(format!("`{name}`: after {prefix} comes a number of cells from 100 to 1000k, as in {prefix}8k"))
+    })
 }

@@ -6,6 +6,7 @@ mod machine;
 mod measure;
 mod stages;
 mod statics;
+mod two_way;
 
 use crate::args::BenchArgs;
 use crate::failure::{Failure, Outcome};
@@ -27,6 +28,11 @@ pub fn run(args: &BenchArgs) -> Outcome {
     for name in names {
         if args.statics {
             let measured = statics::measure(body::load(name, &shared_folder(args.shared.as_deref()))?, solver)?;
+            ui::result(if args.json { json(&measured)? } else { measured.sentence() });
+            continue;
+        }
+        if let Some(cells) = name.strip_prefix("two_way_") {
+            let measured = two_way::measure(name, cells, solver)?;
             ui::result(if args.json { json(&measured)? } else { measured.sentence() });
             continue;
         }
