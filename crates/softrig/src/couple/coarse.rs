@@ -5,7 +5,7 @@
 //! bones' own axes, in which they hardly change as the body moves.
 
 use super::binding::Binding;
-use super::follow::shares;
+use super::follow::Following;
 use super::jacobian::{NodeJacobian, Role};
 use super::rows::{Block, BoneRows};
 use rayon::prelude::*;
@@ -29,14 +29,19 @@ pub(crate) struct CoarseSpace {
     matrix: Vec<f64>,
     /// The same in world axes.
     pub world: Vec<f64>,
+    pieces: Vec<Piece>,
+    following: Following,
 }
 
-/// What one task finds of A W.
+/// What one task finds of A W, in memory that is kept.
+#[derive(Debug, Default)]
 struct Piece {
     count: Vec<u32>,
     bone: Vec<u32>,
     value: Vec<Block>,
     matrix: Vec<f64>,
+    /// A W at one node.
+    images: Vec<(u32, [f64; 18])>,
 }
 
 impl CoarseSpace {
@@ -54,7 +59,7 @@ impl CoarseSpace {
         matrix: &BlockCsr<R>,
         shift: &[f64],
     ) {
-        shares(matrix, role, &mut self.share);
+        self.following.shares(matrix, role, &mut self.share);
         let along = &mut self.along;
         along.start.clear();
         along.start.push(0);
@@ -73,10 +78,10 @@ impl CoarseSpace {
         let width = 6 * nodes.origin.len();
         let images = Images { nodes, binding, role, matrix, shift, share: &self.share };
         let chunks = role.len().div_ceil(CHUNK);
-        let pieces: Vec<Piece> = (0..chunks)
-            .into_par_iter()
-            .map(|c| images.piece(c * CHUNK..((c + 1) * CHUNK).min(role.len()), width))
-            .collect();
+        self.pieces.resize_with(chunks, Piece::default);
+        self.pieces.par_iter_mut().enumerate().for_each(|(c, piece)| {
+            images.fill(c * CHUNK..((c + 1) * CHUNK).min(role.len()), width, piece);
+        });
         self.matrix.clear();
         self.matrix.resize(width * width, 0.0);
         let between = &mut self.between;
@@ -85,7 +90,7 @@ impl CoarseSpace {
         between.bone.clear();
         between.value.clear();
         let mut at = 0;
-        for piece in &pieces {
+        for piece in &self.pieces {
             self.matrix.iter_mut().zip(&piece.matrix).for_each(|(m, p)| *m += p);
             for count in &piece.count {
                 at += count;
@@ -134,34 +139,36 @@ impl<R: Scalar> Images<'_, R> {
     }
 
     /// Some rows of A W, and their part of Wᵀ A W.
-    fn piece(&self, rows: std::ops::Range<usize>, width: usize) -> Piece {
-        let mut piece =
-            Piece { count: Vec::new(), bone: Vec::new(), value: Vec::new(), matrix: vec![0.0; width * width] };
-        let mut images: Vec<(u32, [f64; 18])> = Vec::new();
+    fn fill(&self, rows: std::ops::Range<usize>, width: usize, piece: &mut Piece) {
+        let Piece { count, bone, value, matrix, images } = piece;
+        count.clear();
+        bone.clear();
+        value.clear();
+        matrix.clear();
+        matrix.resize(width * width, 0.0);
         for n in rows {
             images.clear();
             if self.role[n] != Role::Held {
-                self.row(n, &mut images);
+                self.row(n, images);
             }
             let own = self.share[n];
             if own > 0.0 {
                 for (a, g) in self.entries(n) {
-                    for (b, image) in &images {
-                        add_product(own, g, image, &mut piece.matrix, (a as usize, *b as usize, width));
+                    for (b, image) in &*images {
+                        add_product(own, g, image, matrix, (a as usize, *b as usize, width));
                     }
                 }
             }
             if self.role[n] == Role::Free {
-                piece.count.push(images.len() as u32);
-                for (b, image) in &images {
-                    piece.bone.push(*b);
-                    piece.value.push(self.in_own_axes(n, *b as usize, image));
+                count.push(images.len() as u32);
+                for (b, image) in &*images {
+                    bone.push(*b);
+                    value.push(self.in_own_axes(n, *b as usize, image));
                 }
             } else {
-                piece.count.push(0);
+                count.push(0);
             }
         }
-        piece
     }
 
     /// Row `n` of A W: one 3x6 matrix for each bone that its neighbours follow.

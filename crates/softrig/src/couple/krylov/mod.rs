@@ -19,14 +19,20 @@
 //! The iteration runs in f32. Its result is added to the solution in f64, and as often as the true residual there is not small
 //! enough, it runs again on what is left.
 
+mod precondition;
+mod vector;
+
+pub(crate) use vector::Pair;
+
 use super::binding::Binding;
 use super::jacobian::{JointJacobian, NodeJacobian, Role};
 use super::pull::PointSpring;
 use super::rows::{BoneRows, Partial, Wide6, wide6};
 use crate::rig::dense::Cholesky;
 use rayon::prelude::*;
+use softrig_linalg::Scalar;
 use softrig_linalg::solver::{Operator, Preconditioner};
-use softrig_linalg::{BlockCsr, Mat3, Scalar, par};
+use vector::Light;
 
 /// Nodes per task.
 const CHUNK: usize = 1024;
@@ -34,75 +40,6 @@ const CHUNK: usize = 1024;
 const MOST_ITERATIONS: usize = 400;
 /// The residual of a pass is believed down to this share of where it started: some fifty roundings.
 const BELIEVED: f64 = 50.0 * f32::EPSILON as f64;
-
-/// A vector over nodes (zero at all but free ones) and unknowns of the skeleton.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Pair {
-    pub node: Vec<[f64; 3]>,
-    pub joint: Vec<f64>,
-}
-
-impl Pair {
-    pub fn resize(&mut self, nodes: usize, unknowns: usize) {
-        self.node.clear();
-        self.node.resize(nodes, [0.0; 3]);
-        self.joint.clear();
-        self.joint.resize(unknowns, 0.0);
-    }
-
-    /// Size of a residual [N]: torques count as forces at `length` [m].
-    pub fn size(&self, length: f64) -> f64 {
-        let nodes =
-            par::sum(self.node.len(), |r| self.node[r].iter().map(|a| a[0] * a[0] + a[1] * a[1] + a[2] * a[2]).sum());
-        (nodes + self.joint.iter().map(|t| t * t).sum::<f64>() / (length * length)).sqrt()
-    }
-}
-
-/// A vector of the iteration.
-#[derive(Clone, Debug, Default)]
-struct Light {
-    node: Vec<[f32; 4]>,
-    joint: Vec<f64>,
-}
-
-impl Light {
-    fn resize(&mut self, nodes: usize, unknowns: usize) {
-        self.node.clear();
-        self.node.resize(nodes, [0.0; 4]);
-        self.joint.clear();
-        self.joint.resize(unknowns, 0.0);
-    }
-
-    fn dot(&self, other: &Self) -> f64 {
-        let nodes = par::sum(self.node.len(), |r| {
-            let pairs = self.node[r.clone()].iter().zip(&other.node[r]);
-            pairs.map(|(a, b)| (0..3).map(|k| f64::from(a[k]) * f64::from(b[k])).sum::<f64>()).sum()
-        });
-        nodes + self.joint.iter().zip(&other.joint).map(|(a, b)| a * b).sum::<f64>()
-    }
-
-    /// self += a other.
-    fn add(&mut self, a: f64, other: &Self) {
-        let factor = a as f32;
-        self.node.par_chunks_mut(CHUNK).zip(other.node.par_chunks(CHUNK)).for_each(|(x, y)| {
-            for (x, y) in x.iter_mut().zip(y) {
-                (0..4).for_each(|k| x[k] += factor * y[k]);
-            }
-        });
-        self.joint.iter_mut().zip(&other.joint).for_each(|(x, y)| *x += a * y);
-    }
-
-    /// self = other + b self.
-    fn direction(&mut self, b: f64, other: &Self) {
-        let factor = b as f32;
-        self.node.par_chunks_mut(CHUNK).zip(other.node.par_chunks(CHUNK)).for_each(|(x, y)| {
-            for (x, y) in x.iter_mut().zip(y) {
-                (0..4).for_each(|k| x[k] = y[k] + factor * x[k]);
-            }
-        });
-        self.joint.iter_mut().zip(&other.joint).for_each(|(x, y)| *x = y + b * *x);
-    }
-}
 
 /// The parts of a coupled system.
 pub(crate) struct Parts<'a, R> {
@@ -177,20 +114,6 @@ impl Krylov {
             v.resize(bones, [0.0; 6]);
         }
         self.image.resize(nodes, [0.0; 3]);
-    }
-
-    /// Inverts the diagonal blocks, for systems without another preconditioner.
-    pub fn load_diagonal<R: Scalar>(&mut self, matrix: &BlockCsr<R>, role: &[Role]) {
-        let pattern = &matrix.pattern;
-        self.free.clear();
-        self.free.extend((0..role.len() as u32).filter(|n| role[*n as usize] == Role::Free));
-        self.inverse.clear();
-        self.inverse.extend(self.free.iter().map(|n| {
-            let m = matrix.values[pattern.diagonal()[*n as usize] as usize].map(Scalar::to_f64);
-            let block = Mat3([[m[0], m[1], m[2]], [m[3], m[4], m[5]], [m[6], m[7], m[8]]]);
-            let inverse = block.inverse().0.map(|row| row.map(|v| v as f32));
-            if inverse.iter().flatten().all(|v| v.is_finite()) { inverse } else { [[0.0; 3]; 3] }
-        }));
     }
 
     /// Moves the solution by a change of the skeleton's unknowns, flesh along.
@@ -296,64 +219,6 @@ impl Krylov {
         });
     }
 
-    /// z = (preconditioner) r.
-    fn precondition<R: Scalar>(&mut self, parts: &mut Parts<'_, R>) {
-        let coupled = !self.r.joint.is_empty();
-        self.first.clone_from(&self.r.joint);
-        parts.coarse.solve(&mut self.first);
-        self.wide.clear();
-        if coupled {
-            parts.joints.twists(&self.first, &mut self.twist);
-            let own = self.twist.iter().zip(&parts.nodes.rotation);
-            self.wide.extend(own.map(|(t, r)| wide6(&turned(t, r, true))));
-        }
-        let [r, z] = &mut self.packed;
-        let free = parts.preconditioner.as_ref().map_or(&self.free[..], |c| c.free_nodes());
-        r.resize(free.len(), [0.0; 4]);
-        z.resize(free.len(), [0.0; 4]);
-        let (from, wide, between, frame) = (&self.r.node, &self.wide, parts.between, &parts.nodes.frame);
-        let owner = &parts.binding.owner;
-        r.par_chunks_mut(CHUNK).zip(free.par_chunks(CHUNK)).for_each(|(r, free)| {
-            for (r, n) in r.iter_mut().zip(free) {
-                let n = *n as usize;
-                *r = from[n];
-                if coupled {
-                    let f = times(&frame[owner[n] as usize], between.moved(n, wide));
-                    (0..3).for_each(|k| r[k] -= f[k]);
-                }
-            }
-        });
-        match &mut parts.preconditioner {
-            Some(cycle) => cycle.apply(r, z),
-            None => {
-                for ((z, r), m) in z.iter_mut().zip(r.iter()).zip(&self.inverse) {
-                    (0..3).for_each(|k| z[k] = m[k][0] * r[0] + m[k][1] * r[1] + m[k][2] * r[2]);
-                }
-            }
-        }
-        let free = parts.preconditioner.as_ref().map_or(&self.free[..], |c| c.free_nodes());
-        for (n, z) in free.iter().zip(z.iter()) {
-            self.z.node[*n as usize] = *z;
-        }
-        if coupled {
-            let own = |row: usize| {
-                let n = free[row] as usize;
-                (n, back(&frame[owner[n] as usize], z[row]))
-            };
-            between.gather(free.len(), own, &mut self.partial, &mut self.wrench);
-            for (w, r) in self.wrench.iter_mut().zip(&parts.nodes.rotation) {
-                *w = turned(w, r, false);
-            }
-            self.second.clear();
-            self.second.resize(self.first.len(), 0.0);
-            parts.joints.collect(&self.wrench, &mut self.second);
-            parts.coarse.solve(&mut self.second);
-            for (z, (a, b)) in self.z.joint.iter_mut().zip(self.first.iter().zip(&self.second)) {
-                *z = a - b;
-            }
-        }
-    }
-
     /// Goes on from `x` until the residual is at most `target` [N].
     pub fn solve<R: Scalar>(&mut self, parts: &mut Parts<'_, R>, rhs: &Pair, target: f64, length: f64) -> Solved {
         let mut left = self.true_residual(parts, rhs, length);
@@ -406,12 +271,6 @@ impl Krylov {
             v.resize(nodes, unknowns);
         }
         let square = (goal * scale).powi(2);
-        let size = |r: &Light| {
-            let nodes = par::sum(r.node.len(), |range| {
-                r.node[range].iter().map(|v| (0..3).map(|k| f64::from(v[k]) * f64::from(v[k])).sum::<f64>()).sum()
-            });
-            nodes + r.joint.iter().map(|t| t * t).sum::<f64>() / (length * length)
-        };
         let mut used = limit;
         self.precondition(parts);
         self.p.direction(0.0, &self.z);
@@ -427,7 +286,7 @@ impl Krylov {
             let alpha = rz / pq;
             self.d.add(alpha, &self.p);
             self.r.add(-alpha, &self.q);
-            let left = size(&self.r);
+            let left = self.r.square(length);
             if left < best {
                 (best, since_best) = (left, 0);
             } else {
@@ -448,21 +307,4 @@ impl Krylov {
         self.d.joint.iter_mut().for_each(|d| *d *= back);
         used
     }
-}
-
-/// A twist or wrench in the axes of a bone, or from there in those of the world.
-fn turned(v: &[f64; 6], rotation: &glam::DMat3, to_bone: bool) -> [f64; 6] {
-    let m = if to_bone { rotation.transpose() } else { *rotation };
-    let (a, b) = (m * glam::DVec3::new(v[0], v[1], v[2]), m * glam::DVec3::new(v[3], v[4], v[5]));
-    [a.x, a.y, a.z, b.x, b.y, b.z]
-}
-
-#[inline]
-fn times(m: &[[f32; 3]; 3], v: [f32; 3]) -> [f32; 3] {
-    m.map(|row| row[0] * v[0] + row[1] * v[1] + row[2] * v[2])
-}
-
-#[inline]
-fn back(m: &[[f32; 3]; 3], v: [f32; 4]) -> [f32; 3] {
-    std::array::from_fn(|k| m[0][k] * v[0] + m[1][k] * v[1] + m[2][k] * v[2])
 }
