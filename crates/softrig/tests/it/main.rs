@@ -12,6 +12,7 @@ mod golden;
 mod hard;
 mod mesh;
 mod multigrid;
+mod odd_rigs;
 mod rig;
 mod staggered;
 mod twoway;

@@ -1,7 +1,7 @@
 //! The staggered coupling of the paper: slower to follow, damped, and stable within its rule.
 
 use crate::couple::limb;
-use crate::twoway::{ball, flesh, floating, hinge, momentum, run, settings, simulation};
+use crate::twoway::{ball, coupled, flesh, floating, hinge, momentum, run, settings, simulation};
 use glam::DVec3;
 use softrig::integrate::Dynamics;
 use softrig::rig::{JointId, JointSetup, RootKind};
@@ -16,10 +16,8 @@ fn staggered(
     root: RootKind,
     events: Vec<Event>,
 ) -> Simulation<f64> {
-    let mut sim = simulation(&limb(), 300, flesh(e), settings);
     let two = TwoWay { scheme: TwoWayScheme::Staggered, joints: joints.to_vec(), root };
-    sim.couple(&Coupling::TwoWay(two), events).unwrap();
-    sim
+    coupled((300, e), settings, two, events)
 }
 
 fn elbow(sim: &Simulation<f64>) -> DVec3 {

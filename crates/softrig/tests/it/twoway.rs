@@ -40,6 +40,18 @@ pub fn hinge(range: [f64; 2], damping: f64) -> JointSetup {
     JointSetup { kind: JointKind::Hinge { axis: [0.0, 0.0, 1.0], range }, drive: 0.0, stiffness: 0.0, damping }
 }
 
+/// The limb of so many cells and that stiffness, coupled.
+pub fn coupled(
+    (cells, e): (usize, f64),
+    settings: SimulationSettings,
+    two: TwoWay,
+    events: Vec<Event>,
+) -> Simulation<f64> {
+    let mut sim = simulation(&limb(), cells, flesh(e), settings);
+    sim.couple(&Coupling::TwoWay(two), events).unwrap();
+    sim
+}
+
 /// The limb with its two joints as given.
 fn coupled_limb(
     e: f64,
@@ -48,10 +60,8 @@ fn coupled_limb(
     root: RootKind,
     events: Vec<Event>,
 ) -> Simulation<f64> {
-    let mut sim = simulation(&limb(), 400, flesh(e), settings);
-    sim.couple(&Coupling::TwoWay(TwoWay { scheme: TwoWayScheme::Monolithic, joints: joints.to_vec(), root }), events)
-        .unwrap();
-    sim
+    let two = TwoWay { scheme: TwoWayScheme::Monolithic, joints: joints.to_vec(), root };
+    coupled((400, e), settings, two, events)
 }
 
 pub fn settings(h: f64) -> SimulationSettings {
