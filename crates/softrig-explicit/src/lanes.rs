@@ -10,6 +10,14 @@ pub(crate) const LANES: usize = 4;
 /// One number of each of them.
 pub(crate) type Quad<R> = Wide<R, LANES>;
 
+/// A value as it is, stored and read again as a whole: between long stretches of lane operations this keeps the optimiser from taking
+/// lanes apart and computing with components instead, which costs more instructions than the arithmetic itself.
+#[inline(always)]
+pub(crate) fn whole<T>(mut value: T) -> T {
+    std::hint::black_box(&mut value);
+    value
+}
+
 /// Copies `from` of a part's nodes into quads.
 #[inline(always)]
 pub(crate) fn gather<R: Scalar>(part: &Part, from: &[[R; 3]], to: &mut [[R; 4]]) {

@@ -1,9 +1,10 @@
 //! The forces of the cells of one part, four at a time.
 #![allow(non_snake_case, reason = "symbols of the continuum mechanics literature")]
 
+use super::follow::{Rotations, warped_stress};
 use super::{Cells, Group};
-use crate::lanes::{LANES, Quad, corner, gather, scatter};
-use softrig::force::polar::{polar, polar_step, rotation};
+use crate::lanes::{LANES, Quad, corner, gather, scatter, whole};
+use softrig::force::polar::rotation;
 use softrig_linalg::{Kernel, Lane, Mat3, Scalar, Vec3, Wide};
 
 /// What forces are computed from.
@@ -134,52 +135,11 @@ impl<R: Scalar> Kernel for LinearTwice<'_, R> {
     }
 }
 
-/// How rotations follow the positions: a type, so that a loop holds the code of one way only and keeps its numbers in registers.
-pub(super) trait Rotations: Copy + Send + Sync {
-    /// The rotation of F, from that of the last force.
-    fn follow<R: Scalar>(self, F: Mat3<Quad<R>>, q: [Quad<R>; 4]) -> [Quad<R>; 4];
-}
-
-/// To rounding.
-#[derive(Clone, Copy)]
-pub(super) struct Exactly;
-
-/// By one step of the iteration.
-#[derive(Clone, Copy)]
-pub(super) struct OneStep;
-
-/// Not: those of the last force stay.
-#[derive(Clone, Copy)]
-pub(super) struct Still;
-
-impl Rotations for Exactly {
-    #[inline(always)]
-    fn follow<R: Scalar>(self, F: Mat3<Quad<R>>, q: [Quad<R>; 4]) -> [Quad<R>; 4] {
-        polar(F, q)
-    }
-}
-
-impl Rotations for OneStep {
-    #[inline(always)]
-    fn follow<R: Scalar>(self, F: Mat3<Quad<R>>, q: [Quad<R>; 4]) -> [Quad<R>; 4] {
-        polar_step(F, q)
-    }
-}
-
-impl Rotations for Still {
-    #[inline(always)]
-    fn follow<R: Scalar>(self, _: Mat3<Quad<R>>, q: [Quad<R>; 4]) -> [Quad<R>; 4] {
-        q
-    }
-}
-
 /// Stiffness warping: rotations and forces in one pass over the cells.
 pub(super) struct Warped<'a, R, Q> {
     pub cells: &'a mut Cells<R>,
     pub input: Input<'a, R>,
     pub rotations: Q,
-    /// There is damping.
-    pub damped: bool,
     pub out: &'a mut [[R; 3]],
 }
 
@@ -187,28 +147,50 @@ impl<R: Scalar, Q: Rotations> Kernel for Warped<'_, R, Q> {
     type Output = ();
     #[inline(always)]
     fn run<const W: usize>(self) {
-        let Self { cells, input, rotations, damped, out } = self;
+        let Self { cells, input, rotations, out } = self;
         gather(&cells.part, input.position, &mut cells.u);
-        if damped {
-            gather(&cells.part, input.velocity, &mut cells.v);
-        }
         cells.f.fill([R::zero(); 4]);
         for (group, stored) in cells.groups.iter().zip(&mut cells.q) {
-            let mut F = gradient_of(edges(&cells.u, &group.node), &group.gradient);
-            let q = rotations.follow(F, [Wide(stored[0]), Wide(stored[1]), Wide(stored[2]), Wide(stored[3])]);
-            for c in 0..4 {
-                stored[c] = q[c].0;
-            }
-            let rot = rotation(q);
-            if damped {
-                let b = Wide(group.damping) + Wide::splat(input.damping);
-                F += gradient_of(edges(&cells.v, &group.node), &group.gradient).scale(b);
-            }
-            // strain S - I, and its rate times b, in the cell's own axes
-            let E = rot.transpose() * F - Mat3::identity();
-            let P = rot * stress(E, Wide(group.lambda), Wide(group.mu));
+            let F = whole(gradient_of(edges(&cells.u, &group.node), &group.gradient));
+            let rot = turned(F, rotations, stored);
+            let P = whole(warped_stress(F, rot, Wide(group.lambda), Wide(group.mu)));
             scatter_all(P, group, &mut cells.f);
         }
         write(&cells.f, out);
     }
+}
+
+/// The same with damping, along the turned axes.
+pub(super) struct WarpedDamped<'a, R, Q>(pub Warped<'a, R, Q>);
+
+impl<R: Scalar, Q: Rotations> Kernel for WarpedDamped<'_, R, Q> {
+    type Output = ();
+    #[inline(always)]
+    fn run<const W: usize>(self) {
+        let Warped { cells, input, rotations, out } = self.0;
+        gather(&cells.part, input.position, &mut cells.u);
+        gather(&cells.part, input.velocity, &mut cells.v);
+        cells.f.fill([R::zero(); 4]);
+        for (group, stored) in cells.groups.iter().zip(&mut cells.q) {
+            let F = whole(gradient_of(edges(&cells.u, &group.node), &group.gradient));
+            let rot = turned(F, rotations, stored);
+            let b = Wide(group.damping) + Wide::splat(input.damping);
+            let rate = gradient_of(edges(&cells.v, &group.node), &group.gradient).scale(b);
+            // strain S - I, and its rate times b, in the cell's own axes
+            let E = rot.transpose() * (F + rate) - Mat3::identity();
+            let P = whole(rot * stress(E, Wide(group.lambda), Wide(group.mu)));
+            scatter_all(P, group, &mut cells.f);
+        }
+        write(&cells.f, out);
+    }
+}
+
+/// The rotation of F, which is stored.
+#[inline(always)]
+fn turned<R: Scalar>(F: Mat3<Quad<R>>, rotations: impl Rotations, stored: &mut [[R; LANES]; 4]) -> Mat3<Quad<R>> {
+    let q = rotations.follow(F, [Wide(stored[0]), Wide(stored[1]), Wide(stored[2]), Wide(stored[3])]);
+    for c in 0..4 {
+        stored[c] = q[c].0;
+    }
+    rotation(q)
 }

@@ -5,12 +5,14 @@
 //! entries at a vertex, here whole cells are turned. Four cells at once, their corners transposed into lanes; forces are added to
 //! the nodes in the order of the cells.
 //! Terms: g_a shape gradients [1/m]; V volume; lam, mu Lamé constants; q quaternion of R; sign of f_int.
+mod follow;
 mod kernel;
 mod model;
 
 use crate::lanes::LANES;
 use crate::part::{self, Part};
-use kernel::{Exactly, Input, Linear, LinearTwice, OneStep, Warped};
+use follow::{Exactly, OneStep, Rotations};
+use kernel::{Input, Linear, LinearTwice, Warped, WarpedDamped};
 use softrig::force::tet_gradients;
 use softrig::material::MaterialMap;
 use softrig::mesh::VolumeMesh;
@@ -165,8 +167,8 @@ impl<R: Scalar> ElementWise<R> {
             |c| c.part.own.clone(),
             force,
             |cells, out| match (warped, input.uniform) {
-                (true, _) if exactly => run_wide::<R, _>(Warped { cells, input, rotations: Exactly, damped, out }),
-                (true, _) => run_wide::<R, _>(Warped { cells, input, rotations: OneStep, damped, out }),
+                (true, _) if exactly => warp(cells, input, Exactly, damped, out),
+                (true, _) => warp(cells, input, OneStep, damped, out),
                 (false, Some(factor)) => run_wide::<R, _>(Linear { cells, input, factor, out }),
                 (false, None) => run_wide::<R, _>(LinearTwice { cells, input, out }),
             },
@@ -185,6 +187,17 @@ impl<R: Scalar> ElementWise<R> {
         }
         out
     }
+}
+
+fn warp<R: Scalar>(
+    cells: &mut Cells<R>,
+    input: Input<'_, R>,
+    rotations: impl Rotations,
+    damped: bool,
+    out: &mut [[R; 3]],
+) {
+    let work = Warped { cells, input, rotations, out };
+    if damped { run_wide::<R, _>(WarpedDamped(work)) } else { run_wide::<R, _>(work) }
 }
 
 impl<R: Scalar> Cells<R> {

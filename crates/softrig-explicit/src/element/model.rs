@@ -1,8 +1,9 @@
 //! Cells as the force model of a body: forces, stiffness, energy, and the rotations as history.
 #![allow(non_snake_case, reason = "symbols of the continuum mechanics literature")]
 
-use super::kernel::{Input, LinearTwice, Still, Warped};
-use super::{ElementWise, Warping};
+use super::follow::Still;
+use super::kernel::{Input, LinearTwice};
+use super::{ElementWise, Warping, warp};
 use crate::lanes::LANES;
 use crate::part;
 use softrig::force::polar::{rotation, symmetric};
@@ -35,7 +36,7 @@ impl<R: Scalar> ForceModel<R> for ElementWise<R> {
                         let own: Vec<[R; LANES]> = cells.groups.iter().map(|g| g.damping).collect();
                         cells.groups.iter_mut().for_each(|g| g.damping = [R::one(); LANES]);
                         if warped {
-                            run_wide::<R, _>(Warped { cells, input, rotations: Still, damped: true, out });
+                            warp(cells, input, Still, true, out);
                         } else {
                             run_wide::<R, _>(LinearTwice { cells, input, out });
                         }

@@ -1,7 +1,7 @@
 //! Forces of distances, areas and volumes, four tetrahedra at a time.
 
-use super::{Cells, EDGES, FACES, Group};
-use crate::lanes::{Quad, corner, gather, scatter};
+use super::{Cells, EDGES, FACES};
+use crate::lanes::{LANES, Quad, corner, gather, scatter};
 use softrig_linalg::{Kernel, Lane, Scalar, Vec3, Wide};
 
 /// All that acts on the own nodes of a part.
@@ -11,8 +11,18 @@ pub(super) struct Force<'a, R> {
     pub velocity: &'a [[R; 3]],
     pub gravity: [R; 3],
     pub drag: R,
+    pub scale: Scale<R>,
     pub mass: &'a [R],
     pub out: &'a mut [[R; 3]],
+}
+
+/// What all cells have in common.
+#[derive(Clone, Copy)]
+pub(super) struct Scale<R> {
+    /// 1 / k of edges, triangles and volumes [1/J]; zero where k is.
+    pub inverse: [R; 3],
+    /// k_d / k [s].
+    pub damping: R,
 }
 
 /// 1 / |v|, finite for a zero vector, which then has no direction.
@@ -21,48 +31,51 @@ fn inverse_length<R: Scalar>(v: Vec3<Quad<R>>) -> Quad<R> {
     Quad::<R>::one() / v.dot(v).max(Quad::<R>::constant(1e-30)).sqrt()
 }
 
+/// A vector at each corner of four cells. In memory, and found by a number that is not known beforehand: so it is stored whole, four lanes at
+/// a time, and the optimiser does not take lanes apart.
 type Corners<R> = [Vec3<Quad<R>>; 4];
 
 /// Adds the forces of edge `e`.
 #[inline(always)]
-fn spring<R: Scalar>(x: &Corners<R>, v: &Corners<R>, f: &mut Corners<R>, g: &Group<R>, e: usize) {
-    let [i, j] = EDGES[e];
+fn spring<R: Scalar>(x: &Corners<R>, v: &Corners<R>, f: &mut Corners<R>, k: &[R; LANES], s: Scale<R>, e: u8) {
+    let [i, j] = EDGES[usize::from(e) % 6];
+    let (i, j) = (i % 4, j % 4);
     let (d, w) = (x[j] - x[i], v[j] - v[i]);
-    let inverse = inverse_length(d);
+    // k / l0 |d|
+    let k = Wide(*k) * inverse_length(d);
     // C + k_d / k dC/dt, with the length d·d / |d|
-    let c = (d.dot(d) + Wide(g.damping) * d.dot(w)) * (inverse * Wide(g.edge[e][0])) - Quad::<R>::one();
-    let pull = d.scale(Wide(g.edge[e][1]) * c * inverse);
+    let c = (d.dot(d) + Wide::splat(s.damping) * d.dot(w)) * (k * Wide::splat(s.inverse[0])) - Quad::<R>::one();
+    let pull = d.scale(k * c);
     f[i] += pull;
     f[j] += -pull;
 }
 
 /// Adds the forces of triangle `t`.
 #[inline(always)]
-fn triangle<R: Scalar>(x: &Corners<R>, v: &Corners<R>, f: &mut Corners<R>, g: &Group<R>, t: usize) {
-    if !g.surface[t] {
-        return;
-    }
-    let [i, j, k] = FACES[t];
-    let (a, c) = (x[j] - x[i], x[k] - x[i]);
+fn triangle<R: Scalar>(x: &Corners<R>, v: &Corners<R>, f: &mut Corners<R>, k: &[R; LANES], s: Scale<R>, t: u8) {
+    let [i, j, l] = FACES[usize::from(t) % 4];
+    let (i, j, l) = (i % 4, j % 4, l % 4);
+    let (a, c) = (x[j] - x[i], x[l] - x[i]);
     let n = a.cross(c);
     let half = Quad::<R>::constant(0.5);
     // n / 2|n|: the area is its product with n, and how that changes with the corners
     let unit = n.scale(half * inverse_length(n));
-    let (gj, gk) = (c.cross(unit), unit.cross(a));
-    let rate = gj.dot(v[j] - v[i]) + gk.dot(v[k] - v[i]);
-    let s = (n.dot(unit) + Wide(g.damping) * rate) * Wide(g.face[t][0]) - Quad::<R>::one();
-    let s = s * Wide(g.face[t][1]);
-    let (fj, fk) = (gj.scale(s), gk.scale(s));
-    f[i] += fj + fk;
+    let (gj, gl) = (c.cross(unit), unit.cross(a));
+    let rate = gj.dot(v[j] - v[i]) + gl.dot(v[l] - v[i]);
+    let k = Wide(*k);
+    let grown = (n.dot(unit) + Wide::splat(s.damping) * rate) * (k * Wide::splat(s.inverse[1])) - Quad::<R>::one();
+    let s = k * grown;
+    let (fj, fl) = (gj.scale(s), gl.scale(s));
+    f[i] += fj + fl;
     f[j] += -fj;
-    f[k] += -fk;
+    f[l] += -fl;
 }
 
 impl<R: Scalar> Kernel for Force<'_, R> {
     type Output = ();
     #[inline(always)]
     fn run<const W: usize>(self) {
-        let Self { cells, position, velocity, gravity, drag, mass, out } = self;
+        let Self { cells, position, velocity, gravity, drag, scale, mass, out } = self;
         gather(&cells.part, position, &mut cells.x);
         gather(&cells.part, velocity, &mut cells.v);
         cells.f.fill([R::zero(); 4]);
@@ -83,23 +96,19 @@ impl<R: Scalar> Kernel for Force<'_, R> {
             ];
             let zero = Vec3::<Quad<R>>::zero();
             let mut f = [zero; 4];
-            let b = Wide(g.damping);
-            // written out, so that corners stay in registers
-            spring(&x, &v, &mut f, g, 0);
-            spring(&x, &v, &mut f, g, 1);
-            spring(&x, &v, &mut f, g, 2);
-            spring(&x, &v, &mut f, g, 3);
-            spring(&x, &v, &mut f, g, 4);
-            spring(&x, &v, &mut f, g, 5);
-            triangle(&x, &v, &mut f, g, 0);
-            triangle(&x, &v, &mut f, g, 1);
-            triangle(&x, &v, &mut f, g, 2);
-            triangle(&x, &v, &mut f, g, 3);
+            let b = Wide::splat(scale.damping);
+            for e in &g.edges[..g.edge_count.min(6)] {
+                spring(&x, &v, &mut f, &g.edge[usize::from(*e) % 6], scale, *e);
+            }
+            for t in &g.faces[..g.face_count.min(4)] {
+                triangle(&x, &v, &mut f, &g.face[usize::from(*t) % 4], scale, *t);
+            }
             let (a, c, d) = (x[1] - x[0], x[2] - x[0], x[3] - x[0]);
             let (g1, g2, g3) = (c.cross(d).scale(sixth), d.cross(a).scale(sixth), a.cross(c).scale(sixth));
             let volume = a.dot(g1);
             let rate = g1.dot(v[1] - v[0]) + g2.dot(v[2] - v[0]) + g3.dot(v[3] - v[0]);
-            let s = ((volume + b * rate) * Wide(g.volume[0]) - one) * Wide(g.volume[1]);
+            let k = Wide(g.volume);
+            let s = ((volume + b * rate) * (k * Wide::splat(scale.inverse[2])) - one) * k;
             let (f1, f2, f3) = (g1.scale(s), g2.scale(s), g3.scale(s));
             f[0] += f1 + f2 + f3;
             f[1] += -f1;

@@ -47,12 +47,18 @@ pub(super) fn check(mesh: &VolumeMesh, energies: &Energies) -> Result<(), MassPo
     Ok(())
 }
 
-/// (1 / rest size, k / rest size) of the edges, triangles and the volume of a cell; k_d / k; k is zero for what another cell has.
+/// k / rest size of the edges, triangles and the volume of a cell; zero for what another cell has.
 pub(super) struct CellConstants {
-    edge: [[f64; 2]; 6],
-    face: [[f64; 2]; 4],
-    volume: [f64; 2],
-    damping: f64,
+    edge: [f64; 6],
+    face: [f64; 4],
+    volume: f64,
+}
+
+impl CellConstants {
+    /// Which edges and triangles it has, as bits.
+    pub fn signature(&self) -> u32 {
+        self.edge.iter().chain(&self.face).fold(0, |bits, k| 2 * bits + u32::from(*k > 0.0))
+    }
 }
 
 pub(super) fn cell_constants(
@@ -64,41 +70,46 @@ pub(super) fn cell_constants(
 ) -> CellConstants {
     let t = mesh.tets[i];
     let at = |c: usize| Vec3(mesh.nodes[t[c] as usize]);
-    let of = |size: f64, k: f64| [1.0 / size, k / size];
     CellConstants {
         edge: EDGES.map(|[a, b]| {
             let own = edges[&sorted([t[a], t[b]])] == i;
-            of((at(b) - at(a)).norm(), if own { energies.distance } else { 0.0 })
+            if own { energies.distance / (at(b) - at(a)).norm() } else { 0.0 }
         }),
         face: FACES.map(|[a, b, c]| {
             let (_, count) = faces[&sorted([t[a], t[b], t[c]])];
             let area = 0.5 * (at(b) - at(a)).cross(at(c) - at(a)).norm();
-            of(area, if count == 1 { energies.area } else { 0.0 })
+            if count == 1 { energies.area / area } else { 0.0 }
         }),
-        volume: of(tet_gradients(t.map(|n| mesh.nodes[n as usize])).1, energies.volume),
-        damping: energies.damping,
+        volume: energies.volume / tet_gradients(t.map(|n| mesh.nodes[n as usize])).1,
     }
 }
 
 pub(super) fn group<R: Scalar>(part: &Part, four: &[u32], cells: &[[u32; 4]], constants: &[CellConstants]) -> Group<R> {
     let at = |l: usize| four[l.min(four.len() - 1)] as usize;
     // lanes beyond the last cell repeat it without stiffness
-    let pair = |f: &dyn Fn(&CellConstants) -> [f64; 2]| -> [[R; LANES]; 2] {
-        std::array::from_fn(|k| {
-            std::array::from_fn(|l| {
-                let value = f(&constants[at(l)])[k];
-                R::from_f64(if k == 1 && l >= four.len() { 0.0 } else { value })
-            })
-        })
+    let fill = |f: &dyn Fn(&CellConstants) -> f64| -> [R; LANES] {
+        std::array::from_fn(|l| if l < four.len() { R::from_f64(f(&constants[at(l)])) } else { R::zero() })
     };
+    let any = |f: &dyn Fn(&CellConstants) -> f64| four.iter().any(|c| f(&constants[*c as usize]) > 0.0);
+    let (edges, edge_count) = first(std::array::from_fn(|e| any(&|c| c.edge[e])));
+    let (faces, face_count) = first(std::array::from_fn(|f| any(&|c| c.face[f])));
     Group {
         node: std::array::from_fn(|a| {
             std::array::from_fn(|l| part.local(cells[at(l)][a]).expect("a part has the nodes of its cells"))
         }),
-        edge: std::array::from_fn(|e| pair(&|c| c.edge[e])),
-        face: std::array::from_fn(|f| pair(&|c| c.face[f])),
-        volume: pair(&|c| c.volume),
-        damping: [R::from_f64(constants[at(0)].damping); LANES],
-        surface: std::array::from_fn(|f| (0..four.len()).any(|l| constants[at(l)].face[f][1] != 0.0)),
+        edge: std::array::from_fn(|e| fill(&|c| c.edge[e])),
+        face: std::array::from_fn(|f| fill(&|c| c.face[f])),
+        volume: fill(&|c| c.volume),
+        edges,
+        edge_count,
+        faces,
+        face_count,
     }
+}
+
+/// The numbers of those that are there, then the others, and how many are there.
+fn first<const N: usize>(there: [bool; N]) -> ([u8; N], usize) {
+    let mut order: [u8; N] = std::array::from_fn(|k| k as u8);
+    order.sort_by_key(|k| !there[usize::from(*k)]);
+    (order, there.iter().filter(|t| **t).count())
 }
