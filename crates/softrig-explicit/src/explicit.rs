@@ -4,9 +4,10 @@
 //! that a limb may turn as far as it likes. What the skinning itself deforms costs no energy then.
 
 use crate::elastic::InternalForce;
+use crate::frames::{Frames, check};
 use crate::scheme::Scheme;
 use crate::stepper::{ForceLaw, Stepper, StepperError, TooLong};
-use glam::{DQuat, DVec3};
+use glam::DVec3;
 use softrig::body::Body;
 use softrig::force::Increment;
 use softrig::integrate::{Integrator, NodeFrame, State, StepError, StepInput, StepOutput};
@@ -21,8 +22,7 @@ pub struct Explicit<R> {
     pub too_long: TooLong,
     /// Instead of the body's own model.
     internal: Option<Box<dyn InternalForce<R>>>,
-    /// Where skinning has the nodes at both ends of the step; empty without it.
-    frames: [Vec<NodeFrame>; 2],
+    frames: Frames,
     carried: bool,
     stepper: Option<Stepper<R>>,
     mask: Vec<bool>,
@@ -37,7 +37,7 @@ impl<R: Scalar> Explicit<R> {
             scheme,
             too_long: TooLong::default(),
             internal: None,
-            frames: [Vec::new(), Vec::new()],
+            frames: Frames::default(),
             carried: false,
             stepper: None,
             mask: Vec::new(),
@@ -70,7 +70,7 @@ struct BodyLaw<'a, R> {
     body: &'a mut Body<R>,
     internal: Option<&'a mut Box<dyn InternalForce<R>>>,
     /// Frames of the nodes at both ends of the step, and where between them the force is taken.
-    frames: Option<(&'a [Vec<NodeFrame>; 2], f64)>,
+    frames: Option<(&'a Frames, f64)>,
     /// Length of the step that the frames belong to [s].
     dt: f64,
     scratch: &'a mut [Vec<[R; 3]>; 2],
@@ -95,7 +95,7 @@ impl<R: Scalar> BodyLaw<'_, R> {
         x.resize(position.len(), [R::zero(); 3]);
         v.resize(position.len(), [R::zero(); 3]);
         for n in 0..position.len() {
-            let (place, turn, speed) = between(frames, n, share, self.dt);
+            let (place, turn, speed) = frames.between(n, share, self.dt);
             let back = turn.conjugate();
             let d =
                 back * (DVec3::from(position[n].map(Scalar::to_f64)) - place) + DVec3::from(self.body.mesh.nodes[n]);
@@ -104,18 +104,10 @@ impl<R: Scalar> BodyLaw<'_, R> {
         }
         internal.internal_force(x, v, force);
         for (n, f) in force.iter_mut().enumerate() {
-            let turn = between(frames, n, share, self.dt).1;
+            let turn = frames.between(n, share, self.dt).1;
             *f = (turn * DVec3::from(f.map(Scalar::to_f64))).to_array().map(R::from_f64);
         }
     }
-}
-
-/// Place, turn and velocity of a node's frame at a part of the step.
-fn between(frames: &[Vec<NodeFrame>; 2], n: usize, share: f64, dt: f64) -> (DVec3, DQuat, DVec3) {
-    let (a, b) = (&frames[0][n], &frames[1][n]);
-    let (p, q) = (DVec3::from(a.place), DVec3::from(b.place));
-    let turn = DQuat::from_array(a.turn).lerp(DQuat::from_array(b.turn), share);
-    (p + (q - p) * share, turn, (q - p) / dt)
 }
 
 impl<R: Scalar> ForceLaw<R> for BodyLaw<'_, R> {
@@ -140,10 +132,7 @@ impl<R: Scalar> Integrator<R> for Explicit<R> {
     }
 
     fn carry(&mut self, before: &[NodeFrame], after: &[NodeFrame]) {
-        for (to, from) in self.frames.iter_mut().zip([before, after]) {
-            to.clear();
-            to.extend_from_slice(from);
-        }
+        self.frames.carry(before, after);
     }
 
     fn step(
@@ -155,14 +144,11 @@ impl<R: Scalar> Integrator<R> for Explicit<R> {
         output: &mut StepOutput<R>,
     ) -> Result<(), StepError> {
         let n = body.mass.len();
-        let lists = [state.position.len(), input.external_force.len(), input.target_position.len()];
-        if lists != [n; 3] || input.target_velocity.len() != n {
-            return Err(StepError::Unsupported(format!("a state or input of another size than the body's {n} nodes")));
-        }
+        check(n, input, state)?;
         if body.consistent_mass.is_some() {
             return Err(StepError::Unsupported("explicit steps of a body with consistent mass".into()));
         }
-        if self.carried && self.frames.iter().any(|f| f.len() != n) {
+        if self.carried && !self.frames.fit(n) {
             return Err(StepError::Unsupported("a carried force without the frames of its nodes".into()));
         }
         if self.stepper.is_none() || self.mask != body.constraints.mask() {
@@ -239,7 +225,7 @@ impl<R: Scalar> Integrator<R> for Explicit<R> {
         if self.internal.is_some() {
             // what skinning gives the nodes as velocity has no damping
             let still: Vec<[R; 3]> = if self.carried {
-                let speed = |n| between(&self.frames, n, 1.0, input.dt).2.to_array().map(R::from_f64);
+                let speed = |n| self.frames.between(n, 1.0, input.dt).2.to_array().map(R::from_f64);
                 (0..n).map(speed).collect()
             } else {
                 vec![[R::zero(); 3]; n]

@@ -15,6 +15,7 @@ pub mod constraint;
 pub mod elastic;
 pub mod element;
 pub mod explicit;
+mod frames;
 mod lanes;
 pub mod mass_point;
 pub mod method;

@@ -5,7 +5,8 @@
 //! Nothing but the state is kept from step to step.
 
 use super::{ModalError, ModalIntegrator};
-use glam::{DQuat, DVec3};
+use crate::frames::{Frames, check};
+use glam::DVec3;
 use softrig::body::Body;
 use softrig::integrate::{Integrator, NodeFrame, State, StepError, StepInput, StepOutput};
 use softrig_linalg::{LinearSolver, Scalar};
@@ -13,7 +14,7 @@ use softrig_linalg::{LinearSolver, Scalar};
 /// A body in its lowest modes, carried by skinning.
 pub struct CarriedModes {
     modes: ModalIntegrator,
-    frames: [Vec<NodeFrame>; 2],
+    frames: Frames,
     /// Deviations from the rest shape, and forces, in the frames of the nodes.
     local: State<f64>,
     load: Vec<[f64; 3]>,
@@ -28,12 +29,8 @@ impl CarriedModes {
         let modes = ModalIntegrator::new(body, count, damping)?;
         let load = vec![[0.0; 3]; body.mesh.node_count()];
         let local = State::at_rest(body.mesh.nodes.clone());
-        Ok(Self { modes, frames: [Vec::new(), Vec::new()], local, load })
+        Ok(Self { modes, frames: Frames::default(), local, load })
     }
-}
-
-fn frame(f: &NodeFrame) -> (DVec3, DQuat) {
-    (DVec3::from(f.place), DQuat::from_array(f.turn))
 }
 
 impl<R: Scalar> Integrator<R> for CarriedModes {
@@ -46,10 +43,7 @@ impl<R: Scalar> Integrator<R> for CarriedModes {
     }
 
     fn carry(&mut self, before: &[NodeFrame], after: &[NodeFrame]) {
-        for (to, from) in self.frames.iter_mut().zip([before, after]) {
-            to.clear();
-            to.extend_from_slice(from);
-        }
+        self.frames.carry(before, after);
     }
 
     fn step(
@@ -61,22 +55,13 @@ impl<R: Scalar> Integrator<R> for CarriedModes {
         output: &mut StepOutput<R>,
     ) -> Result<(), StepError> {
         let (n, rest) = (body.mass.len(), &body.mesh.nodes);
-        if self.frames.iter().any(|f| f.len() != n) || state.position.len() != n || input.external_force.len() != n {
-            return Err(StepError::Unsupported("modes without the frame, state and force of every node".into()));
+        check(n, input, state)?;
+        if !self.frames.fit(n) {
+            return Err(StepError::Unsupported("modes without the frame of every node".into()));
         }
         let three = |v: [R; 3]| DVec3::from(v.map(Scalar::to_f64));
-        let lists = [
-            ("position", &state.position[..]),
-            ("velocity", &state.velocity),
-            ("external force", input.external_force),
-        ];
-        for (what, list) in lists {
-            if let Some(node) = list.iter().position(|v| !v.iter().all(|c| c.is_finite())) {
-                return Err(StepError::NotFinite { time: state.time, what, node });
-            }
-        }
         for i in 0..n {
-            let ((s, turn), (next, _)) = (frame(&self.frames[0][i]), frame(&self.frames[1][i]));
+            let ((s, turn), (next, _)) = (self.frames.start(i), self.frames.end(i));
             let back = turn.conjugate();
             let speed = (next - s) / input.dt;
             self.local.position[i] = (DVec3::from(rest[i]) + back * (three(state.position[i]) - s)).into();
@@ -86,7 +71,7 @@ impl<R: Scalar> Integrator<R> for CarriedModes {
         self.modes.set_state(body, &self.local);
         self.modes.advance(input.dt, &self.load, &mut self.local.position, &mut self.local.velocity);
         for i in 0..n {
-            let ((s, _), (next, turn)) = (frame(&self.frames[0][i]), frame(&self.frames[1][i]));
+            let ((s, _), (next, turn)) = (self.frames.start(i), self.frames.end(i));
             let held = body.constraints.is_constrained(i);
             let (x, v) = if held && body.mass[i] > R::zero() {
                 (three(input.target_position[i]), three(input.target_velocity[i]))

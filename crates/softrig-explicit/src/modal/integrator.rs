@@ -5,6 +5,7 @@
 
 use super::warp::{curls, turn};
 use super::{ModalError, Modes};
+use crate::frames::check;
 use glam::DVec3;
 use softrig::body::Body;
 use softrig::integrate::{Integrator, State, StepError, StepInput, StepOutput};
@@ -200,20 +201,15 @@ impl<R: Scalar> Integrator<R> for ModalIntegrator {
         output: &mut StepOutput<R>,
     ) -> Result<(), StepError> {
         let n = self.rest.len();
-        if [body.mass.len(), state.position.len(), input.external_force.len(), input.target_position.len()] != [n; 4] {
-            return Err(StepError::Unsupported(format!("modes of {n} nodes on a body or input of another size")));
-        }
-        if !(input.dt > 0.0 && input.dt.is_finite()) {
-            return Err(StepError::Unsupported(format!("a time step of {} s", input.dt)));
+        check(n, input, state)?;
+        if body.mass.len() != n {
+            return Err(StepError::Unsupported(format!("modes of {n} nodes on a body of {}", body.mass.len())));
         }
         for (i, rest) in self.rest.iter().enumerate() {
             let moved = (0..3).any(|k| (input.target_position[i][k].to_f64() - rest[k]).abs() > 1e-9);
             if body.constraints.is_constrained(i) && moved {
                 return Err(StepError::Unsupported(format!("modes of a body whose prescribed node {i} moves")));
             }
-        }
-        if let Some(node) = input.external_force.iter().position(|f| !f.iter().all(|c| c.is_finite())) {
-            return Err(StepError::NotFinite { time: state.time, what: "external force", node });
         }
         self.advance(input.dt, input.external_force, &mut state.position, &mut state.velocity);
         state.time += input.dt;
