@@ -1,7 +1,7 @@
 //! Bodies without bones under constraints that come, go and move while time passes.
 
 use crate::clustered::Clustered;
-use crate::constraint::{Constraint, ConstraintError, ConstraintId, Constraints, SurfaceId};
+use crate::constraint::{Constraint, ConstraintError, ConstraintId, Constraints, Progress, SurfaceId};
 use crate::elastic::ElasticLaw;
 use crate::element::ElementWise;
 use crate::mass_point::MassPoints;
@@ -40,7 +40,7 @@ pub struct Timed {
     pub start: f64,
     /// It acts in no step that begins at or after this [s]; infinite for good.
     pub end: f64,
-    /// Time over which its force grows to all of it [s].
+    /// Time over which the gap that it finds closes [s] ([`Constraints::approach`]).
     pub ramp: f64,
     /// How far a nail is from where it is at rest, over time; empty: not at all.
     pub path: Vec<Key>,
@@ -186,7 +186,7 @@ impl Objects {
                 let t = &e.timed;
                 if acts(t) && !self.set.is_active(e.id)? {
                     self.set.set_active(e.id, true)?;
-                    self.set.ramp(e.id, (t.ramp / h).ceil().min(1e9) as u32)?;
+                    self.set.approach(e.id, (t.ramp / h).ceil().min(1e9) as u32)?;
                 }
                 for time in [t.start, t.end] {
                     if time > now + HAIR {
@@ -210,8 +210,10 @@ impl Objects {
         let mut out = vec![s.time];
         out.extend([&s.position, &s.velocity, &s.acceleration].into_iter().flatten().flatten());
         for e in &self.entries {
-            let (active, steps, done) = self.set.progress(e.id).unwrap_or_default();
-            out.extend([f64::from(u8::from(active)), f64::from(steps), f64::from(done)]);
+            let p = self.set.progress(e.id).unwrap_or_default();
+            let gaps = p.gap.as_ref().map_or(-1.0, |g| g.len() as f64);
+            out.extend([f64::from(u8::from(p.active)), f64::from(p.steps), f64::from(p.done), gaps]);
+            out.extend(p.gap.iter().flatten().flatten());
         }
         if let Law::Cells(law) = &self.law {
             out.extend(law.internal.history().iter().flatten());
@@ -223,26 +225,30 @@ impl Objects {
     pub fn restore(&mut self, snapshot: &[f64]) -> bool {
         let n = self.state.position.len();
         let cells = if let Law::Cells(law) = &self.law { law.internal.history().len() } else { 0 };
-        let (fixed, entries) = (1 + 9 * n, 3 * self.entries.len());
-        if snapshot.len() != fixed + entries + 4 * cells {
-            return false;
-        }
-        let list = |k: usize| snapshot[1 + 3 * n * k..1 + 3 * n * (k + 1)].as_chunks::<3>().0.to_vec();
+        let Some((motion, mut rest)) = snapshot.split_at_checked(1 + 9 * n) else { return false };
+        let list = |k: usize| motion[1 + 3 * n * k..1 + 3 * n * (k + 1)].as_chunks::<3>().0.to_vec();
         let mut set = self.set.clone();
         // all off first, so that none is in the way of another
         if self.entries.iter().any(|e| set.set_active(e.id, false).is_err()) {
             return false;
         }
-        for (e, p) in self.entries.iter().zip(snapshot[fixed..fixed + entries].as_chunks::<3>().0) {
-            let put = set.set_active(e.id, p[0] > 0.0).and_then(|()| set.set_progress(e.id, p[1] as u32, p[2] as u32));
-            if put.is_err() {
+        for e in &self.entries {
+            let Some(([active, steps, done, gaps], after)) = rest.split_first_chunk() else { return false };
+            let Some((gap, after)) = after.split_at_checked((gaps.max(0.0) as usize).saturating_mul(3)) else { return false };
+            let gap = (*gaps >= 0.0).then(|| gap.as_chunks::<3>().0.to_vec());
+            let progress = Progress { active: *active > 0.0, steps: *steps as u32, done: *done as u32, gap };
+            if set.set_progress(e.id, &progress).is_err() {
                 return false;
             }
+            rest = after;
+        }
+        if rest.len() != 4 * cells {
+            return false;
         }
         self.set = set;
-        self.state = State { time: snapshot[0], position: list(0), velocity: list(1), acceleration: list(2) };
+        self.state = State { time: motion[0], position: list(0), velocity: list(1), acceleration: list(2) };
         if let Law::Cells(law) = &mut self.law {
-            law.internal.restore(snapshot[fixed + entries..].as_chunks::<4>().0);
+            law.internal.restore(rest.as_chunks::<4>().0);
         }
         self.next_switch = f64::NEG_INFINITY;
         true

@@ -3,8 +3,10 @@
 //! Implements [Tang2009 §4.1]. The nodes of a joint and of all joints below it are nested sets: what moves the joint moves them all. Two
 //! ways to hold them: **exactly**, their positions prescribed and so eliminated from the equation of motion, or by the
 //! **forces** of eq. 9. Deviations: eq. 8 takes both velocities at the same place c and so loses the change of c, the centripetal part
-//! (a constant turn needs no force by it); here each velocity has its own c. Forces alone are open-loop: nothing corrects what
-//! the elastic forces and rounding do, so nodes drift off; the printed form is kept for comparison.
+//! (a constant turn needs no force by it); here each velocity has its own c. Eq. 5 adds these forces to weight and elastic
+//! forces, so bound nodes fall and are pulled off; [`Driven`] lets the constraint balance those. Forces are open-loop even then: nothing
+//! corrects what differences of velocities and rounding leave, unless [`SkeletonConstraints::add_corrections`] does. The printed form is
+//! kept for comparison.
 //! Terms: Φ = (ω, υ) spatial velocity of a joint about the world's origin; c position of a node [m]; h step [s].
 
 use crate::stepper::ForceLaw;
@@ -197,6 +199,29 @@ impl SkeletonConstraints {
         miss.fold(0.0, f64::max)
     }
 
+    /// Adds forces that pull bound nodes back to where the pose has them: m (r² e + 2 r ė), which takes an error e away within a few times
+    /// 1/r with r = `rate` [1/s]; at most a tenth of 1/h, or steps overshoot. `poses` are those one step before and at the start of the step.
+    pub fn add_corrections<R: Scalar>(
+        &self,
+        rate: f64,
+        poses: [&Pose; 2],
+        dt: f64,
+        mass: &[R],
+        state: &State<R>,
+        force: &mut [[R; 3]],
+    ) {
+        for ((n, joint), local) in self.bound.iter().zip(&self.local) {
+            let n = *n as usize;
+            let [was, is] = poses.map(|p| p.joint(*joint).point(*local));
+            let m = mass[n].to_f64();
+            for k in 0..3 {
+                let error = is[k] - state.position[n][k].to_f64();
+                let slip = (is[k] - was[k]) / dt - state.velocity[n][k].to_f64();
+                force[n][k] += R::from_f64(m * rate * (rate * error + 2.0 * slip));
+            }
+        }
+    }
+
     /// Adds the constraint forces of a step that begins at pose `poses[1]`: `poses` are those one step before, at the start and at the
     /// end of the step; `before` and `now` are the positions that go with the first two.
     pub fn add_forces<R: Scalar>(
@@ -243,6 +268,26 @@ impl<R: Scalar> ForceLaw<R> for Loaded<'_, R> {
         self.law.force(position, velocity, force);
         for (f, l) in force.iter_mut().zip(self.load) {
             (0..3).for_each(|k| f[k] += l[k]);
+        }
+    }
+}
+
+/// A force law in which the constraint forces are all that acts on bound nodes: whatever else acts there, weight and elastic forces, the
+/// constraint balances. Without that bound nodes fall ([Tang2009 eq. 5] adds the forces of eq. 9 to the others).
+pub struct Driven<'a, R> {
+    /// What acts by itself.
+    pub law: &'a mut dyn ForceLaw<R>,
+    /// The constraints.
+    pub bound: &'a SkeletonConstraints,
+    /// Their forces [N].
+    pub load: &'a [[R; 3]],
+}
+
+impl<R: Scalar> ForceLaw<R> for Driven<'_, R> {
+    fn force(&mut self, position: &[[R; 3]], velocity: &[[R; 3]], force: &mut [[R; 3]]) {
+        self.law.force(position, velocity, force);
+        for (n, _) in self.bound.bound() {
+            force[*n as usize] = self.load[*n as usize];
         }
     }
 }

@@ -90,7 +90,7 @@ pub struct SceneConstraint {
     /// When it is switched off [s]. Without it: never.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub end: Option<f64>,
-    /// Time over which its force grows to all of it: for parts that come from far away [s].
+    /// Time over which the gap that it finds closes, slowly at both ends: for parts that come from far away [s].
     pub ramp: f64,
     /// For `nail`: times and ways from where the nodes rest, `[[t, x, y, z], ...]`, straight in between [s, m].
     #[serde(skip_serializing_if = "Vec::is_empty")]

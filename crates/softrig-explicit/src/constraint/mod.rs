@@ -6,12 +6,14 @@
 //! then no constraint undoes another. Two that share a node are an error with both names.
 
 mod error;
+mod ramp;
 mod set;
 mod solve;
 mod surface;
 mod work;
 
 pub use error::ConstraintError;
+pub use ramp::Progress;
 pub use set::Constraints;
 pub use solve::{carried_force, nail_force, points_to_point_forces, velocity_force};
 pub use surface::{ClosestPoint, Surface};

@@ -3,46 +3,58 @@
 use super::work::{Carried, Work};
 use super::{Constraint, ConstraintError, ConstraintId, Surface, SurfaceId};
 use crate::scheme::Scheme;
+use rayon::prelude::*;
 use softrig::integrate::State;
 use softrig_linalg::Scalar;
+
+/// Nodes of a stretch, whose pairs are one task: at some 15 ns a pair, less is not worth waking a thread for.
+const STRETCH: usize = 2048;
+
+/// Number and nodes of two points that are to be one.
+pub(super) type Pair = (u32, [u32; 2]);
 
 /// Weights may miss the sum 1 by this much.
 const WEIGHT_SLACK: f64 = 1e-9;
 
 #[derive(Clone, Debug)]
 pub(super) struct Slot {
-    constraint: Constraint,
-    active: bool,
-    /// Steps until the whole force acts, and how many of them are done.
+    pub(super) constraint: Constraint,
+    pub(super) active: bool,
+    /// Steps until the constraint is met, and how many of them are done.
     pub(super) ramp: (u32, u32),
+    /// Gaps when the ramp began, if it closes them evenly; empty before that.
+    pub(super) gap: Option<Vec<[f64; 3]>>,
 }
 
 /// Constraints on the nodes of one body (or of several that are stepped together).
 #[derive(Clone, Debug)]
 pub struct Constraints {
     node_count: usize,
-    slots: Vec<Option<Slot>>,
+    pub(super) slots: Vec<Option<Slot>>,
     /// Number + 1 of the active constraint that holds each node.
-    holder: Vec<u32>,
+    pub(super) holder: Vec<u32>,
     surfaces: Vec<Surface>,
-    plan: Plan,
+    pub(super) plan: Plan,
     stale: bool,
-    force: Vec<[f64; 3]>,
+    pub(super) force: Vec<[f64; 3]>,
     /// Nodes of the carriers that slides took in the last step: their forces are to be cleared.
     slid: Vec<u32>,
 }
 
 /// The active constraints, one flat list per kind.
 #[derive(Clone, Debug, Default)]
-struct Plan {
-    nails: Vec<(u32, u32, [f64; 3])>,
-    velocities: Vec<(u32, u32, [f64; 3])>,
-    pairs: Vec<(u32, [u32; 2])>,
-    groups: Vec<(u32, Vec<u32>)>,
-    carried: Vec<Carried>,
+pub(super) struct Plan {
+    pub(super) nails: Vec<(u32, u32, [f64; 3])>,
+    pub(super) velocities: Vec<(u32, u32, [f64; 3])>,
+    /// Pairs of nodes of one stretch, stretch after stretch.
+    pub(super) near: Vec<Vec<Pair>>,
+    /// All others.
+    pub(super) pairs: Vec<Pair>,
+    pub(super) groups: Vec<(u32, Vec<u32>)>,
+    pub(super) carried: Vec<Carried>,
     slides: Vec<(u32, u32, u32)>,
     /// Some constraint has not reached its whole force.
-    ramps: bool,
+    pub(super) ramps: bool,
 }
 
 impl Constraints {
@@ -78,7 +90,7 @@ impl Constraints {
         let id = self.slots.len() as u32;
         self.check(id, &constraint)?;
         self.claim(id, &constraint)?;
-        self.slots.push(Some(Slot { constraint, active: true, ramp: (0, 0) }));
+        self.slots.push(Some(Slot { constraint, active: true, ramp: (0, 0), gap: None }));
         self.stale = true;
         Ok(ConstraintId(id))
     }
@@ -90,7 +102,7 @@ impl Constraints {
     pub fn add_inactive(&mut self, constraint: Constraint) -> Result<ConstraintId, ConstraintError> {
         let id = self.slots.len() as u32;
         self.check(id, &constraint)?;
-        self.slots.push(Some(Slot { constraint, active: false, ramp: (0, 0) }));
+        self.slots.push(Some(Slot { constraint, active: false, ramp: (0, 0), gap: None }));
         Ok(ConstraintId(id))
     }
 
@@ -122,20 +134,10 @@ impl Constraints {
         let slot = self.slots[id.0 as usize].as_mut().expect("it was found above");
         slot.active = active;
         slot.ramp.1 = 0;
+        if let Some(gap) = &mut slot.gap {
+            gap.clear();
+        }
         self.stale = true;
-        Ok(())
-    }
-
-    /// Lets a constraint's force grow over `steps` steps: j/n of it in step j, all of it from step n on [Gissler2006 §4.5]. For
-    /// parts that assemble themselves from far away. The constraint is met exactly once the ramp is over.
-    ///
-    /// # Errors
-    /// [`ConstraintError::Unknown`].
-    pub fn ramp(&mut self, id: ConstraintId, steps: u32) -> Result<(), ConstraintError> {
-        self.slot(id)?;
-        let slot = self.slots[id.0 as usize].as_mut().expect("it was found above");
-        slot.ramp = (steps, 0);
-        self.plan.ramps |= steps > 1;
         Ok(())
     }
 
@@ -178,26 +180,6 @@ impl Constraints {
         Ok(self.slot(id)?.active)
     }
 
-    /// Whether it is switched on, the steps of its ramp, and how many of them are done.
-    ///
-    /// # Errors
-    /// [`ConstraintError::Unknown`].
-    pub fn progress(&self, id: ConstraintId) -> Result<(bool, u32, u32), ConstraintError> {
-        let slot = self.slot(id)?;
-        Ok((slot.active, slot.ramp.0, slot.ramp.1))
-    }
-
-    /// Puts a ramp of so many steps to where so many of them are done.
-    ///
-    /// # Errors
-    /// [`ConstraintError::Unknown`].
-    pub fn set_progress(&mut self, id: ConstraintId, steps: u32, done: u32) -> Result<(), ConstraintError> {
-        self.ramp(id, steps)?;
-        let slot = self.slots[id.0 as usize].as_mut().expect("its ramp was set above");
-        slot.ramp.1 = done.min(steps);
-        Ok(())
-    }
-
     /// How many are switched on.
     #[must_use]
     pub fn active_count(&self) -> usize {
@@ -218,7 +200,12 @@ impl Constraints {
         &self.force
     }
 
-    fn slot(&self, id: ConstraintId) -> Result<&Slot, ConstraintError> {
+    pub(super) fn slot_mut(&mut self, id: ConstraintId) -> Result<&mut Slot, ConstraintError> {
+        let slot = self.slots.get_mut(id.0 as usize).and_then(Option::as_mut);
+        slot.ok_or(ConstraintError::Unknown { what: "constraint", id: id.0 })
+    }
+
+    pub(super) fn slot(&self, id: ConstraintId) -> Result<&Slot, ConstraintError> {
         let slot = self.slots.get(id.0 as usize).and_then(Option::as_ref);
         slot.ok_or(ConstraintError::Unknown { what: "constraint", id: id.0 })
     }
@@ -275,7 +262,7 @@ impl Constraints {
 
     fn replan(&mut self) {
         let plan = &mut self.plan;
-        *plan = Plan::default();
+        *plan = Plan { near: vec![Vec::new(); self.node_count.div_ceil(STRETCH)], ..Plan::default() };
         for (id, slot) in self.slots.iter().enumerate().filter_map(|(i, s)| Some((i as u32, s.as_ref()?))) {
             if !slot.active {
                 continue;
@@ -290,7 +277,11 @@ impl Constraints {
             match &slot.constraint {
                 Constraint::Nail { node, goal } => plan.nails.push((id, *node, *goal)),
                 Constraint::Velocity { node, goal } => plan.velocities.push((id, *node, *goal)),
-                Constraint::PointsToPoint { nodes } if nodes.len() == 2 => plan.pairs.push((id, [nodes[0], nodes[1]])),
+                Constraint::PointsToPoint { nodes } if nodes.len() == 2 => {
+                    let stretch = [nodes[0], nodes[1]].map(|n| n as usize / STRETCH);
+                    let list = if stretch[0] == stretch[1] { &mut plan.near[stretch[0]] } else { &mut plan.pairs };
+                    list.push((id, [nodes[0], nodes[1]]));
+                }
                 Constraint::PointsToPoint { nodes } => plan.groups.push((id, nodes.clone())),
                 Constraint::PointToLine { node, carriers, weights } => carried(*node, carriers, weights),
                 Constraint::PointToTriangle { node, carriers, weights } => carried(*node, carriers, weights),
@@ -316,6 +307,18 @@ impl Constraints {
         inverse_mass: &[R],
         next: &mut State<R>,
     ) -> Result<(), ConstraintError> {
+        self.enforce_local(scheme, dt, inverse_mass, next)?;
+        if self.plan.slides.is_empty() { Ok(()) } else { self.slide(scheme, dt, inverse_mass, next) }
+    }
+
+    /// All but points that slide.
+    pub(super) fn enforce_local<R: Scalar>(
+        &mut self,
+        scheme: Scheme,
+        dt: f64,
+        inverse_mass: &[R],
+        next: &mut State<R>,
+    ) -> Result<(), ConstraintError> {
         if inverse_mass.len() != self.node_count {
             return Err(ConstraintError::NodeCount { expected: self.node_count, found: inverse_mass.len() });
         }
@@ -323,15 +326,22 @@ impl Constraints {
             self.replan();
         }
         self.supported(scheme)?;
+        if self.plan.ramps {
+            self.begin_approaches(&next.position, inverse_mass);
+        }
         let mut work = Work {
             unit: scheme.gain(1.0, dt),
             inverse_mass,
-            next,
+            first: 0,
+            position: &mut next.position,
+            velocity: &mut next.velocity,
+            acceleration: &mut next.acceleration,
             force: &mut self.force,
             slots: if self.plan.ramps { Some(&self.slots) } else { None },
         };
+        near_pairs(&mut work, &self.plan.near)?;
         for &(id, node, goal) in &self.plan.nails {
-            work.move_to(id, node as usize, goal);
+            work.nail(id, node as usize, goal);
         }
         for &(id, [a, b]) in &self.plan.pairs {
             work.pair(id, a as usize, b as usize)?;
@@ -344,9 +354,6 @@ impl Constraints {
         }
         for &(id, node, goal) in &self.plan.velocities {
             work.velocity(id, node as usize, goal);
-        }
-        if !self.plan.slides.is_empty() {
-            self.slide(scheme, dt, inverse_mass, next)?;
         }
         Ok(())
     }
@@ -370,7 +377,7 @@ impl Constraints {
         let p = &self.plan;
         let first = [
             p.nails.first().map(|n| n.0),
-            p.pairs.first().map(|n| n.0),
+            p.near.iter().flatten().chain(&p.pairs).map(|n| n.0).min(),
             p.groups.first().map(|n| n.0),
             p.carried.first().map(|n| n.id),
             p.slides.first().map(|n| n.0),
@@ -423,10 +430,20 @@ impl Constraints {
                 }
             }
         }
+        for c in found.iter().filter(|_| self.plan.ramps) {
+            let Some(gap) = self.slots[c.id as usize].as_mut().and_then(|s| s.gap.as_mut()) else { continue };
+            if gap.is_empty() {
+                let (point, corners) = (at(c.node), [0, 1, 2].map(|i| at(c.carriers[i])));
+                gap.push(std::array::from_fn(|k| (0..3).map(|i| c.weights[i] * corners[i][k]).sum::<f64>() - point[k]));
+            }
+        }
         let mut work = Work {
             unit: scheme.gain(1.0, dt),
             inverse_mass,
-            next,
+            first: 0,
+            position: &mut next.position,
+            velocity: &mut next.velocity,
+            acceleration: &mut next.acceleration,
             force: &mut self.force,
             slots: if self.plan.ramps { Some(&self.slots) } else { None },
         };
@@ -436,4 +453,26 @@ impl Constraints {
         }
         Ok(())
     }
+}
+
+/// Pairs of nodes that are both in one stretch, stretches side by side: no other constraint holds these nodes.
+fn near_pairs<R: Scalar>(work: &mut Work<'_, R>, near: &[Vec<Pair>]) -> Result<(), ConstraintError> {
+    if near.iter().all(Vec::is_empty) {
+        return Ok(());
+    }
+    if let [only] = near {
+        return only.iter().try_for_each(|&(id, [a, b])| work.pair(id, a as usize, b as usize));
+    }
+    let (unit, inverse_mass, slots) = (work.unit, work.inverse_mass, work.slots);
+    let lists = work.position.par_chunks_mut(STRETCH).zip(work.velocity.par_chunks_mut(STRETCH));
+    let lists = lists.zip(work.acceleration.par_chunks_mut(STRETCH)).zip(work.force.par_chunks_mut(STRETCH));
+    let errors =
+        lists.zip(near).enumerate().filter_map(|(k, ((((position, velocity), acceleration), force), pairs))| {
+            let first = k * STRETCH;
+            let mut work = Work { unit, inverse_mass, first, position, velocity, acceleration, force, slots };
+            let mut pairs = pairs.iter().map(|&(id, [a, b])| Some((id, work.pair(id, a as usize, b as usize).err()?)));
+            pairs.find_map(|e| e)
+        });
+    // the same one for any number of threads
+    errors.min_by_key(|e| e.0).map_or(Ok(()), |e| Err(e.1))
 }

@@ -232,12 +232,15 @@ impl<R: Scalar> Stepper<R> {
         if substeps > 1 && self.too_long == TooLong::Refuse {
             return Err(StepperError::Unstable { scheme, dt, limit, substeps });
         }
+        let mut constraints = constraints;
         if substeps == 1 {
-            self.part(law, constraints, state, dt)?;
-            return Ok(1);
+            let done = self.part(law, constraints.as_deref_mut(), state, dt);
+            if let (Err(_), Some(set)) = (&done, constraints) {
+                set.abandon();
+            }
+            return done.map(|()| 1);
         }
         let before = state.clone();
-        let mut constraints = constraints;
         let set_before = constraints.as_deref().cloned();
         for _ in 0..substeps {
             if let Err(e) = self.part(law, constraints.as_deref_mut(), state, dt / parts) {
@@ -365,13 +368,17 @@ fn advance<R: Scalar>(
 }
 
 fn finite<R: Scalar>(what: &'static str, list: &[[R; 3]]) -> Result<(), StepperError> {
-    // x 0 is zero for numbers and NaN for everything else; no branch per number
+    // x 0 is zero for numbers and NaN for everything else; no branch per number, and sums that do not wait for one another
     let zero = R::zero();
-    let mut sum = zero;
-    for p in list {
-        sum += p[0] * zero + p[1] * zero + p[2] * zero;
+    let (body, rest) = list.as_flattened().as_chunks::<16>();
+    let mut sum = [zero; 16];
+    for x in body {
+        for k in 0..16 {
+            sum[k] += x[k] * zero;
+        }
     }
-    if sum == R::zero() {
+    rest.iter().for_each(|x| sum[0] += *x * zero);
+    if sum.iter().all(|s| *s == zero) {
         return Ok(());
     }
     let node = list.iter().position(|p| !p.iter().all(|c| c.is_finite())).unwrap_or(0);

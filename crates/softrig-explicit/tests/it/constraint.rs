@@ -175,6 +175,72 @@ fn a_ramp_closes_a_gap_gradually() {
     assert_eq!(sudden.position[0], sudden.position[1]);
 }
 
+/// An approach closes every kind of gap as (1 - 3 s² + 2 s³) of what it was, from the first step to the last, keeps the momentum, and no node is
+/// faster than 1.5 gaps over the whole time; a ramp of the force over as many steps is.
+#[test]
+fn an_approach_closes_gaps_evenly() {
+    const N: u32 = 200;
+    const H: f64 = 1e-3;
+    let mut law = |_: &[[f64; 3]], _: &[[f64; 3]], f: &mut [[f64; 3]]| f.fill([0.0; 3]);
+    let mut random = Random::new(31);
+    let rest: Vec<[f64; 3]> = (0..10).map(|_| random.point()).collect();
+    let mass: Vec<f64> = (0..10).map(|_| 1.5 + random.unit()).collect();
+    let goal = [0.3, -0.2, 0.9];
+    let list = [
+        Constraint::PointsToPoint { nodes: vec![0, 1] },
+        Constraint::PointsToPoint { nodes: vec![2, 3, 4] },
+        Constraint::PointToTriangle { node: 5, carriers: [6, 7, 8], weights: [0.2, 0.5, 0.3] },
+        Constraint::Nail { node: 9, goal },
+    ];
+    let gaps = |x: &[[f64; 3]]| -> Vec<f64> {
+        let far = |a: [f64; 3], b: [f64; 3]| (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt();
+        let carried = std::array::from_fn(|k| 0.2 * x[6][k] + 0.5 * x[7][k] + 0.3 * x[8][k]);
+        vec![far(x[0], x[1]), far(x[2], x[3]), far(x[3], x[4]), far(x[5], carried), far(x[9], goal)]
+    };
+    let before = gaps(&rest);
+    let largest = before.iter().fold(0.0f64, |m, g| m.max(*g));
+    for scheme in [Scheme::EulerCromer, Scheme::Verlet] {
+        let fastest = [true, false].map(|even| {
+            let mut set = Constraints::new(10);
+            for c in &list {
+                let id = set.add(c.clone()).unwrap();
+                if even { set.approach(id, N) } else { set.ramp(id, N) }.unwrap();
+            }
+            let mut stepper = Stepper::new(scheme, &mass, &rest, &mut law, 0.0).unwrap();
+            let mut state = State::at_rest(rest.clone());
+            let mut fastest = 0.0f64;
+            for j in 1..=N + 3 {
+                let was = state.position.clone();
+                stepper.step(&mut law, Some(&mut set), &mut state, H).unwrap();
+                for (a, b) in was.iter().zip(&state.position) {
+                    fastest = (0..3).fold(fastest, |m, k| m.max((a[k] - b[k]).abs() / H));
+                }
+                if even {
+                    let s = (f64::from(j) / f64::from(N)).min(1.0);
+                    for (now, then) in gaps(&state.position).iter().zip(&before) {
+                        assert!(
+                            (now - then * (1.0 - s * s * (3.0 - 2.0 * s))).abs() < 1e-13,
+                            "{scheme:?} {j} {now} {then}"
+                        );
+                    }
+                    for k in 0..3 {
+                        // all but what the nail holds
+                        let p: f64 = (0..9).map(|i| mass[i] * state.velocity[i][k]).sum();
+                        // positions are rounded, and a step divides that by its length: 200 steps, 9 nodes of 2.5 kg
+                        assert!(p.abs() < 1e-9, "{scheme:?} {j} {p}");
+                    }
+                }
+            }
+            fastest
+        });
+        assert!(
+            fastest[0] > 0.1 && fastest[0] <= 1.5 * largest / (f64::from(N) * H),
+            "{scheme:?} {fastest:?} {largest}"
+        );
+        assert!(fastest[1] > 4.0 * fastest[0], "{scheme:?} {fastest:?}");
+    }
+}
+
 /// A point on a moving closed surface stays on it and slides along it.
 #[test]
 fn a_sliding_point_stays_on_its_surface() {
@@ -290,7 +356,8 @@ fn random_sets_never_give_nan() {
                 Ok(id) => {
                     accepted += 1;
                     if random.below(4) == 0 {
-                        set.ramp(id, random.below(5) as u32).unwrap();
+                        let steps = random.below(5) as u32;
+                        if random.below(2) == 0 { set.ramp(id, steps) } else { set.approach(id, steps) }.unwrap();
                     }
                 }
                 Err(_) => refused += 1,

@@ -9,7 +9,9 @@ use softrig::rig::{Affine, Joint, JointId, Pose, Skeleton, Transform};
 use softrig_explicit::explicit::Explicit;
 use softrig_explicit::sample::five_tets;
 use softrig_explicit::scheme::Scheme;
-use softrig_explicit::skeleton::{ForceForm, Reach, SkeletonConstraints, Twist, constraint_force, printed_force};
+use softrig_explicit::skeleton::{
+    Driven, ForceForm, Loaded, Reach, SkeletonConstraints, Twist, constraint_force, printed_force,
+};
 use softrig_explicit::stepper::{Stepper, TooLong};
 use softrig_linalg::DofConstraints;
 use softrig_linalg::solver::Direct;
@@ -136,6 +138,48 @@ fn forces_drift_where_elimination_is_exact() {
     // after a turn of 0.8 rad (1.2 rad for the forearm): millimetres against decimetres
     assert!(drift[0] > 1e-6 && drift[0] < 0.01, "{drift:?}");
     assert!(drift[1] > 0.1, "{drift:?}");
+}
+
+/// Under their weight bound nodes fall freely when the forces of eq. 9 are added to it, as in eq. 5. When the constraint balances what else acts
+/// there, only its own drift is left, and corrections take that away.
+#[test]
+fn constraint_forces_have_to_balance_the_others() {
+    let mesh = five_tets([20, 4, 4], false, |p| [1.2 * p[0] - 0.1, 0.2 * p[1] - 0.1, 0.2 * p[2] - 0.1]);
+    let skeleton = arm();
+    let ids = [JointId(0), JointId(1), JointId(2)];
+    let set = SkeletonConstraints::bind(&skeleton, &mesh, &ids, Reach::Line(0.051));
+    let mass = vec![0.02; mesh.node_count()];
+    let h = 1e-3;
+    let at = |k: i32| pose(&skeleton, 2.0 * h * f64::from(k));
+    let run = |balanced: bool, rate: f64| {
+        let mut weight = |_: &[[f64; 3]], _: &[[f64; 3]], f: &mut [[f64; 3]]| f.fill([0.0, -9.81 * 0.02, 0.0]);
+        let mut stepper = Stepper::new(Scheme::EulerCromer, &mass, &mesh.nodes, &mut weight, 0.0).unwrap();
+        let mut state = State::at_rest(mesh.nodes.clone());
+        set.place(&at(-1), h, &mut state);
+        let mut before = state.position.clone();
+        set.place(&at(0), h, &mut state);
+        for k in 0..400 {
+            let mut load = vec![[0.0; 3]; mass.len()];
+            let poses = [&at(k - 1), &at(k), &at(k + 1)];
+            set.add_forces(ForceForm::Complete, poses, h, &mass, [&before, &state.position], &mut load);
+            if rate > 0.0 {
+                set.add_corrections(rate, [poses[0], poses[1]], h, &mass, &state, &mut load);
+            }
+            before.clone_from(&state.position);
+            if balanced {
+                let law = &mut Driven { law: &mut weight, bound: &set, load: &load };
+                stepper.step(law, None, &mut state, h).unwrap();
+            } else {
+                let law = &mut Loaded { law: &mut weight, load: &load };
+                stepper.step(law, None, &mut state, h).unwrap();
+            }
+        }
+        set.largest_miss(&at(400), &state.position)
+    };
+    let (added, balanced, corrected) = (run(false, 0.0), run(true, 0.0), run(true, 100.0));
+    // g t²/2 after 0.4 s
+    assert!((added - 0.785).abs() < 0.02, "{added}");
+    assert!(balanced < 0.01 && corrected < 0.1 * balanced, "{balanced} {corrected}");
 }
 
 fn cantilever() -> Body<f64> {

@@ -88,7 +88,7 @@ pub fn run(job: &Job, results: &Results) -> Outcome {
         }
         for id in on {
             set.set_active(*id, true).map_err(|e| failed(&e))?;
-            set.ramp(*id, ramp).map_err(|e| failed(&e))?;
+            set.approach(*id, ramp).map_err(|e| failed(&e))?;
         }
         let until = state.time + if job.quick { 0.05 } else { 1.2 };
         let start = std::time::Instant::now();

@@ -46,8 +46,7 @@ pub fn run(job: &Job, results: &Results) -> Outcome {
         let best = (0..box_.node_count()).min_by(|a, b| near(&box_.nodes[*a]).total_cmp(&near(&box_.nodes[*b])));
         let node = first + best.unwrap_or(0) as u32;
         let id = set.add(Constraint::PointToSurface { node, surface }).map_err(|e| failed(&e))?;
-        set.ramp(id, 200).map_err(|e| failed(&e))?;
-        sliding.push((node, surface));
+        sliding.push((node, surface, id));
     }
     let mut law = MassPoints::new(&mesh, &energies()).map_err(|e| failed(&e))?;
     law.gravity = [0.0, -9.81, 0.0];
@@ -59,16 +58,20 @@ pub fn run(job: &Job, results: &Results) -> Outcome {
     let (mut rows, mut path, mut worst) = (Vec::new(), Vec::new(), 0.0f64);
     let mut shots = vec![state.position.clone()];
     let steps = (seconds / dt).ceil() as usize;
+    let ramp = steps / 10;
+    for (_, _, id) in &sliding {
+        set.approach(*id, ramp as u32).map_err(|e| failed(&e))?;
+    }
     for k in 0..steps {
         stepper.step(&mut law, Some(&mut set), &mut state, dt).map_err(|e| failed(&e))?;
         let at = |n: u32| state.position[n as usize];
         let mut miss = 0.0f64;
-        for (node, surface) in sliding.iter().filter(|_| k % 16 == 0) {
+        for (node, surface, _) in sliding.iter().filter(|_| k % 16 == 0) {
             let mut surface = set.surface(*surface).map_err(|e| failed(&e))?.clone();
             surface.fit(&at);
             miss = miss.max(surface.closest(at(*node), &at).map_or(f64::NAN, |c| c.distance));
         }
-        if k >= 200 {
+        if k >= ramp {
             worst = worst.max(miss);
         }
         if k % 16 == 0 {
