@@ -234,7 +234,9 @@ impl Objects {
         }
         for e in &self.entries {
             let Some(([active, steps, done, gaps], after)) = rest.split_first_chunk() else { return false };
-            let Some((gap, after)) = after.split_at_checked((gaps.max(0.0) as usize).saturating_mul(3)) else { return false };
+            let Some((gap, after)) = after.split_at_checked((gaps.max(0.0) as usize).saturating_mul(3)) else {
+                return false;
+            };
             let gap = (*gaps >= 0.0).then(|| gap.as_chunks::<3>().0.to_vec());
             let progress = Progress { active: *active > 0.0, steps: *steps as u32, done: *done as u32, gap };
             if set.set_progress(e.id, &progress).is_err() {
