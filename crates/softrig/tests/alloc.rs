@@ -186,6 +186,7 @@ fn no_step_after_the_first_frames_allocates() {
 }
 
 /// What a body of tetrahedra, its solver and all levels hold once steps are made, with the default solver.
+#[allow(clippy::print_stdout, reason = "a measurement")]
 fn held_per_node<R: Scalar>() -> usize {
     let before = HELD.load(Relaxed);
     let mesh = bar([44, 11, 23], [0.4, 0.1, 0.2], CellKind::Tet4);
