@@ -3,9 +3,11 @@
 use super::Results;
 use crate::commands::render::failure;
 use crate::failure::{Failure, Outcome};
+use softrig::character::Character;
 use softrig::mesh::VolumeMesh;
 use softrig_render::{
-    Camera, ColorMap, Image, ScalarField, Scene, Settings, View, legend, mesh_surface, render, side_by_side,
+    Camera, ColorMap, Image, Material, RenderMesh, ScalarField, Scene, Settings, View, legend, mesh_surface, render,
+    side_by_side,
 };
 
 /// What is drawn, and how its numbers are shown.
@@ -47,6 +49,37 @@ pub fn states(
     if states.iter().any(|s| s.2.is_some()) {
         legend(&mut image, ColorMap::Amount, look.range, look.title);
     }
+    image.write_png(&path).map_err(fail)?;
+    crate::ui::note(format_args!("wrote {}", path.display()));
+    Ok(())
+}
+
+/// Draws states of a character's skin side by side, and writes them.
+pub fn skins(
+    results: &Results,
+    name: &str,
+    character: &Character,
+    view: View,
+    states: &[(&str, &Vec<Vec<[f64; 3]>>)],
+) -> Outcome {
+    let path = results.path(name)?;
+    let fail = |e| failure(&path, &e);
+    let settings = Settings { width: 420, height: 420, ..Settings::default() };
+    let (mut images, mut camera): (Vec<Image>, _) = (Vec::new(), None);
+    for (_, skin) in states {
+        let meshes = character.meshes.iter().zip(*skin).map(|(mesh, positions)| RenderMesh {
+            positions: positions.as_slice().into(),
+            triangles: mesh.triangles.as_slice().into(),
+            materials: vec![Material::default()],
+            ..RenderMesh::default()
+        });
+        let scene = Scene { meshes: meshes.collect(), ..Scene::default() };
+        // all from where the first is seen
+        let camera = camera.get_or_insert_with(|| Camera::framing(scene.bounds(), view, &settings));
+        images.push(render(&scene, camera, &settings).map_err(fail)?);
+    }
+    let labels: Vec<&str> = states.iter().map(|s| s.0).collect();
+    let image = side_by_side(&images, &labels).map_err(fail)?;
     image.write_png(&path).map_err(fail)?;
     crate::ui::note(format_args!("wrote {}", path.display()));
     Ok(())

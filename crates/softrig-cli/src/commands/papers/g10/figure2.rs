@@ -1,11 +1,11 @@
-//! Figure 2: a hoof is pulled, with a skeleton that keeps its bones as they are, and without.
+//! Figure 2: a hoof is pulled as a whole, with a skeleton that keeps its bones as they are, and without.
 //!
 //! Without it only the bone at the root holds the body, and everything else is flesh. What the bones then look like is measured by
 //! the distances between the nodes of each: mean over pairs and bones of their relative change.
 
 use super::figure1::coupling;
 use super::{Job, Results, failed};
-use crate::commands::papers::picture::{Look, states};
+use crate::commands::papers::picture::skins;
 use crate::failure::{Failure, Outcome};
 use crate::load;
 use softrig::character::{Character, Skin};
@@ -24,6 +24,11 @@ const HELD: usize = 15;
 const WAY: f64 = 0.25;
 /// Nodes of a bone that are compared with each other.
 const SAMPLE: usize = 40;
+/// Points of the skin that share the pull, and how far from the lowest of them, as a share of the height.
+const POINTS: usize = 16;
+const REACH: f64 = 0.06;
+/// The pull as a spring on the whole body would swing it this often a second [1/s].
+const FREQUENCY: f64 = 3.0;
 
 /// The horse, or the built-in character where it is not there.
 pub fn run(job: &Job, results: &Results) -> Outcome {
@@ -38,23 +43,24 @@ pub fn run(job: &Job, results: &Results) -> Outcome {
     let options = LatticeOptions { resolution: Resolution::Cells(cells), ..LatticeOptions::default() };
     let mesh = voxelize(&character.surface(true), &options).map_err(|e| failed("figure 2", &e))?;
     let held = Binding::new(&character, &mesh, &BindSettings::default()).map_err(|e| failed("figure 2", &e))?;
-    let Some((hoof, vertex, at)) = lowest(&character) else { return Ok(()) };
-    let height = character.height();
-    let path = [(0.0, 0.0), (PULL as f64 / 30.0, WAY * height)]
-        .map(|(time, s)| Key { time, position: [at[0], at[1] + s, at[2] + s] })
-        .to_vec();
-    let pull = || {
-        vec![Event {
-            start: 0.0,
-            end: f64::INFINITY,
-            action: Action::PullFlesh { mesh: hoof, vertex, path: path.clone(), stiffness: None },
-        }]
+    let points = hoof(&character);
+    let way = WAY * character.height();
+    let pull = |stiffness: f64| {
+        let spring = |(mesh, vertex, at): &(usize, usize, [f64; 3])| {
+            let path = [(0.0, 0.0), (PULL as f64 / 30.0, way)]
+                .map(|(time, s)| Key { time, position: [at[0], at[1] + s, at[2] + s] })
+                .to_vec();
+            let stiffness = Some(stiffness / points.len() as f64);
+            let action = Action::PullFlesh { mesh: *mesh, vertex: *vertex, path, stiffness };
+            Event { start: 0.0, end: f64::INFINITY, action }
+        };
+        points.iter().map(spring).collect()
     };
     let frames = if job.quick { 10 } else { PULL + HELD };
-    let with = pulled(&character, &mesh, held.clone(), true, pull(), frames)?;
+    let with = pulled(&character, &mesh, held.clone(), true, &pull, frames)?;
     let loose = BindSettings { bones: rootless(&character, &held), ..BindSettings::default() };
     let loose = Binding::new(&character, &mesh, &loose).map_err(|e| failed("figure 2", &e))?;
-    let without = pulled(&character, &mesh, loose, false, pull(), frames)?;
+    let without = pulled(&character, &mesh, loose, false, &pull, frames)?;
     let error = |x: &[[f64; 3]]| bone_shape_error(&held, &mesh.nodes, x);
     let row = |what: &str, x: &[[f64; 3]]| {
         let e = error(x);
@@ -66,21 +72,29 @@ pub fn run(job: &Job, results: &Results) -> Outcome {
             format!("{:.2e}", e.1),
         ]
     };
-    let rows = [row("with skeletal constraints", &with), row("without", &without)];
+    let rows = [row("with skeletal constraints", &with.nodes), row("without", &without.nodes)];
     results.table("figure2", &["body", "pulled", "cells", "bone_shape_error_mean", "bone_shape_error_max"], &rows)?;
-    let look = Look { title: "", range: [0.0, 1.0], view: View::ThreeQuarter };
-    let shown: [(&str, &[[f64; 3]], Option<Vec<f32>>); 3] =
-        [("rest", &mesh.nodes, None), ("with bones", &with, None), ("without", &without, None)];
-    states(results, "figure2.png", &mesh, &look, &shown)
+    let rest: Vec<_> = character.meshes.iter().map(|m| m.positions.clone()).collect();
+    let shown = [("rest", &rest), ("with bones", &with.skin), ("without", &without.skin)];
+    skins(results, "figure2.png", &character, View::ThreeQuarter, &shown)
 }
 
-/// The lowest vertex of the skin: its mesh, its number and its place. Of equals the foremost.
-fn lowest(character: &Character) -> Option<(usize, usize, [f64; 3])> {
+/// Points of the skin around the lowest vertex, of equals the foremost: mesh, number and place of each, well apart.
+fn hoof(character: &Character) -> Vec<(usize, usize, [f64; 3])> {
     let skins = character.meshes.iter().enumerate().filter(|(_, m)| matches!(m.skin, Skin::Weighted(_)));
-    let all = skins.flat_map(|(k, m)| m.positions.iter().enumerate().map(move |(v, p)| (k, v, *p)));
+    let all: Vec<_> = skins.flat_map(|(k, m)| m.positions.iter().enumerate().map(move |(v, p)| (k, v, *p))).collect();
     let height = character.height();
     let rank = |p: [f64; 3]| p[1] - 0.1 * p[2] + 1e-3 * height * p[0].signum();
-    all.min_by(|a, b| rank(a.2).total_cmp(&rank(b.2)))
+    let Some(lowest) = all.iter().min_by(|a, b| rank(a.2).total_cmp(&rank(b.2))) else { return Vec::new() };
+    let square = |a: [f64; 3], b: [f64; 3]| (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>();
+    let near: Vec<_> = all.iter().filter(|p| square(p.2, lowest.2) <= (REACH * height).powi(2)).collect();
+    let mut chosen = vec![*lowest];
+    while chosen.len() < POINTS.min(near.len()) {
+        let apart = |p: [f64; 3]| chosen.iter().map(|c| square(c.2, p)).fold(f64::INFINITY, f64::min);
+        let Some(next) = near.iter().max_by(|a, b| apart(a.2).total_cmp(&apart(b.2))) else { break };
+        chosen.push(**next);
+    }
+    chosen
 }
 
 /// Rules that leave only the bone at the root.
@@ -89,15 +103,21 @@ fn rootless(character: &Character, binding: &Binding) -> Vec<(String, BoneRule)>
     loose.map(|b| (character.skeleton.joint(b.joint).name.clone(), BoneRule::Exclude)).collect()
 }
 
-/// Where the nodes are after the pull.
+/// Where nodes and skin are after the pull.
+struct Pulled {
+    nodes: Vec<[f64; 3]>,
+    skin: Vec<Vec<[f64; 3]>>,
+}
+
+/// Pulls by springs of so much stiffness in all [N/m].
 fn pulled(
     character: &Character,
     mesh: &VolumeMesh,
     binding: Binding,
     bones: bool,
-    events: Vec<Event>,
+    events: &dyn Fn(f64) -> Vec<Event>,
     frames: usize,
-) -> Result<Vec<[f64; 3]>, Failure> {
+) -> Result<Pulled, Failure> {
     let coupling = if bones { coupling(character, &binding, 0.3, RootKind::Driven) } else { Coupling::OneWay };
     let materials = MaterialMap::uniform(Material::default());
     let settings = SimulationSettings {
@@ -107,13 +127,14 @@ fn pulled(
     };
     let mut simulation = Simulation::<f64>::new(character, mesh.clone(), binding, &materials, settings)
         .map_err(|e| failed("figure 2", &e))?;
-    simulation.couple(&coupling, events).map_err(|e| failed("figure 2", &e))?;
+    let stiffness = simulation.body.total_mass() * (std::f64::consts::TAU * FREQUENCY).powi(2);
+    simulation.couple(&coupling, events(stiffness)).map_err(|e| failed("figure 2", &e))?;
     let motion = RestMotion(&character.skeleton);
     simulation.start(&motion).map_err(|e| failed("figure 2", &e))?;
     for frame in 1..=frames {
         simulation.advance(&motion, frame as f64 / 30.0).map_err(|e| failed("figure 2", &e))?;
     }
-    Ok(simulation.state.position.clone())
+    Ok(Pulled { nodes: simulation.state.position.clone(), skin: simulation.frame(frames).skin.to_vec() })
 }
 
 /// Mean and largest relative change of the distances between nodes of one bone: the mean of each bone's pairs, over the bones.
