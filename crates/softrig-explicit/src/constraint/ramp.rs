@@ -34,13 +34,14 @@ impl Constraints {
     }
 
     /// Lets the gap that a constraint finds close over `steps` steps, slowly at both ends: for parts that assemble themselves from far away. The
-    /// fastest they come together is 1.5 times the gap over the time of these steps. A velocity has no gap; its force grows as with
-    /// [`Self::ramp`].
+    /// fastest they come together is 1.5 times the gap over the time of these steps. A velocity has no gap, and the nearest place of a surface
+    /// is another one in every step; their forces grow as with [`Self::ramp`].
     ///
     /// # Errors
     /// [`ConstraintError::Unknown`].
     pub fn approach(&mut self, id: ConstraintId, steps: u32) -> Result<(), ConstraintError> {
-        let gap = if matches!(self.get(id)?, Constraint::Velocity { .. }) { None } else { Some(Vec::new()) };
+        let free = matches!(self.get(id)?, Constraint::Velocity { .. } | Constraint::PointToSurface { .. });
+        let gap = if free { None } else { Some(Vec::new()) };
         self.start_ramp(id, steps, gap)
     }
 
@@ -84,7 +85,7 @@ impl Constraints {
         }
     }
 
-    /// Takes down the gaps of approaches that begin in this step, but for those to surfaces.
+    /// Takes down the gaps of approaches that begin in this step.
     pub(super) fn begin_approaches<R: Scalar>(&mut self, position: &[[R; 3]], inverse_mass: &[R]) {
         let at = |n: u32| position[n as usize].map(Scalar::to_f64);
         let minus = |a: [f64; 3], b: [f64; 3]| -> [f64; 3] { std::array::from_fn(|k| a[k] - b[k]) };
@@ -117,7 +118,7 @@ impl Constraints {
 fn gap_count(constraint: &Constraint) -> usize {
     match constraint {
         Constraint::PointsToPoint { nodes } if nodes.len() > 2 => nodes.len(),
-        Constraint::Velocity { .. } => 0,
+        Constraint::Velocity { .. } | Constraint::PointToSurface { .. } => 0,
         _ => 1,
     }
 }

@@ -430,13 +430,6 @@ impl Constraints {
                 }
             }
         }
-        for c in found.iter().filter(|_| self.plan.ramps) {
-            let Some(gap) = self.slots[c.id as usize].as_mut().and_then(|s| s.gap.as_mut()) else { continue };
-            if gap.is_empty() {
-                let (point, corners) = (at(c.node), [0, 1, 2].map(|i| at(c.carriers[i])));
-                gap.push(std::array::from_fn(|k| (0..3).map(|i| c.weights[i] * corners[i][k]).sum::<f64>() - point[k]));
-            }
-        }
         let mut work = Work {
             unit: scheme.gain(1.0, dt),
             inverse_mass,
