@@ -44,8 +44,8 @@ pub struct BodyArgs {
 pub struct BakeArgs {
     /// Character (.glb .gltf), or a scene (.toml) that names one
     pub file: PathBuf,
-    /// What to write: .pc2 .mdd .usda .glb .vtu, or a folder for an OBJ series. A character of several meshes makes a folder
-    /// with one cache for each. Folders that are not there are made
+    /// What to write: .pc2 .mdd .usda .glb .vtu, a folder for an OBJ series, or .ply for a folder with a PLY series. A character
+    /// of several meshes makes a folder with one cache for each. Folders that are not there are made
     #[arg(short, long, value_name = "OUT", required_unless_present = "write_scene")]
     pub output: Option<PathBuf>,
 
@@ -137,7 +137,7 @@ pub struct BakeArgs {
     /// Most morph targets of a .glb [default: 64]
     #[arg(long, value_name = "N", value_parser = at_least_one, allow_negative_numbers = true, help_heading = "Results")]
     pub morphs: Option<usize>,
-    /// Colour the vertices of an OBJ series by a quantity of the flesh
+    /// Colour the vertices of an OBJ series, a PLY series or a .glb by a quantity of the flesh
     #[arg(long, value_name = "QUANTITY", help_heading = "Results")]
     pub colors: Option<ColorName>,
     /// Write the settings of this bake as a scene file and stop

@@ -185,7 +185,7 @@ pub struct ConvertArgs {
     /// Most morph targets of a .glb [default: 64]
     #[arg(long, value_name = "N", value_parser = at_least_one, allow_negative_numbers = true)]
     pub morphs: Option<usize>,
-    /// Colour the vertices of an OBJ series by a quantity of the flesh; the journal must keep the volume mesh
+    /// Colour the vertices of an OBJ series, a PLY series or a .glb by a quantity of the flesh; the journal must keep the volume mesh
     #[arg(long, value_name = "QUANTITY")]
     pub colors: Option<ColorName>,
     /// How to read the file.

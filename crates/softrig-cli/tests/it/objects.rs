@@ -121,8 +121,47 @@ fn series_are_coloured_by_stress_and_strain() {
         assert!(rest.iter().all(|c| *c == rest[0] && c[2] > c[0]), "{by}: {rest:?}");
         assert!(held.iter().any(|c| c[0] > c[2]) && held.iter().any(|c| *c != held[0]), "{by}: {held:?}");
     }
-    let (code, _, err) = said(&softrig(dir.path(), &["bake", "cubes.toml", "-o", "o.pc2", "--colors", "stress"]));
-    assert!(code == Some(2) && err.contains("name a folder"), "{code:?} {err}");
+    for (out, why) in [("o.pc2", "name a folder"), ("o.usda", "name a folder"), ("o.vtu", "leave --colors out")] {
+        let (code, _, err) = said(&softrig(dir.path(), &["bake", "cubes.toml", "-o", out, "--colors", "stress"]));
+        assert!(code == Some(2) && err.contains(why), "{code:?} {err}");
+    }
+}
+
+/// A .ply is a folder of PLY files whose vertices carry the value of each frame, a .glb has the colours of the largest values in COLOR_0 and a
+/// material that shows them.
+#[test]
+fn ply_series_and_glb_files_have_colours() {
+    let dir = folder();
+    std::fs::write(dir.path().join("cubes.toml"), CUBES.replace("METHOD", "elements")).unwrap();
+    bake(dir.path(), "cubes.toml", "out.ply", &["--colors", "stress", "--frames", "0..12"]);
+    let values = |frame: usize| -> Vec<f64> {
+        let bytes = std::fs::read(dir.path().join(format!("out.ply/frame_{frame:04}.ply"))).unwrap();
+        let end = bytes.windows(11).position(|w| w == b"end_header\n").unwrap() + 11;
+        let header = String::from_utf8_lossy(&bytes[..end]).into_owned();
+        assert!(header.contains("von_mises") && header.contains("uchar red"), "{header}");
+        // x y z, three bytes, the value
+        bytes[end..].chunks(19).take(16).map(|v| f64::from(f32::from_le_bytes(v[15..19].try_into().unwrap()))).collect()
+    };
+    let (rest, held) = (values(0), values(11));
+    assert!(rest.iter().all(|v| v.abs() < 1.0) && held.iter().any(|v| *v > 10.0), "{rest:?} {held:?}");
+    bake(dir.path(), "cubes.toml", "out.glb", &["--colors", "stress", "--frames", "0..12"]);
+    let bytes = std::fs::read(dir.path().join("out.glb")).unwrap();
+    let size = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
+    let json: serde_json::Value = serde_json::from_slice(&bytes[20..20 + size]).unwrap();
+    for mesh in json["meshes"].as_array().unwrap() {
+        for primitive in mesh["primitives"].as_array().unwrap() {
+            let accessor = &json["accessors"][primitive["attributes"]["COLOR_0"].as_u64().unwrap() as usize];
+            assert_eq!(accessor["type"], "VEC4");
+            let material = &json["materials"][primitive["material"].as_u64().unwrap() as usize];
+            assert_eq!(material["name"], "colors");
+        }
+    }
+    let character = softrig_io::gltf::read(&dir.path().join("out.glb"), &softrig_io::ImportOptions::default()).unwrap();
+    let colors: Vec<[f32; 4]> = character.meshes.iter().flat_map(|m| m.colors.clone()).collect();
+    assert!(
+        colors.len() == 16 && colors.iter().any(|c| c[0] > c[2]) && colors.iter().any(|c| c[2] > c[0]),
+        "{colors:?}"
+    );
 }
 
 /// A stopped bake of objects goes on with the same bytes, ramps and switches included.

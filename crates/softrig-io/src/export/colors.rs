@@ -103,6 +103,24 @@ impl Painter {
         self.cells.iter().zip(&frame.skin).map(of_mesh).collect()
     }
 
+    /// The largest value of every vertex of every mesh in any frame.
+    pub fn peaks<S: Read + Seek>(&self, journal: &mut JournalReader<S>) -> Result<Vec<Vec<f64>>, ExportError> {
+        let mut frame = JournalFrame::default();
+        let mut peaks: Vec<Vec<f64>> = Vec::new();
+        for t in 0..journal.frame_count() {
+            journal.read_frame(t, &mut frame)?;
+            let values = self.values(&frame);
+            if peaks.is_empty() {
+                peaks = values;
+                continue;
+            }
+            for (peak, v) in peaks.iter_mut().flatten().zip(values.into_iter().flatten()) {
+                *peak = peak.max(v);
+            }
+        }
+        Ok(peaks)
+    }
+
     /// Red, green and blue of a value: from blue over white to red, each from 0 to 1.
     pub fn color(&self, value: f64) -> [f64; 3] {
         let s = if self.top > 0.0 { (value / self.top).clamp(0.0, 1.0) } else { 0.0 };

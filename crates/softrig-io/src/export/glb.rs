@@ -4,6 +4,7 @@
 //! whose weights are animated, one linear key per frame; a mesh that only follows one joint becomes a node that moves.
 //! Metres, Y up, as glTF demands; the vertex order is the file's own.
 
+use super::colors::Painter;
 use super::glb_file::{Attribute, GlbFile, Rank};
 use super::normals::SmoothNormals;
 use super::output::write_file;
@@ -36,7 +37,17 @@ pub(super) fn write<S: Read + Seek>(
     let goal = Goal { most: options.morphs, tolerance: options.morph_tolerance * height };
     let mut fit = MorphFit { tolerance: options.morph_tolerance, ..MorphFit::default() };
     let mut scene = Scene::new(character, journal.header().fps, frames);
+    let painter = options.colors.map(|field| Painter::new(journal, character, field)).transpose()?;
+    let peaks = painter.as_ref().map(|p| p.peaks(journal)).transpose()?;
+    if let Some(painter) = &painter {
+        let name = painter.field.name();
+        report.notes.push(format!("glTF has no colours over time: vertices have that of their largest {name}"));
+    }
     for (index, mesh) in character.meshes.iter().enumerate() {
+        scene.paint = painter.as_ref().zip(peaks.as_ref()).map(|(painter, peaks)| {
+            let linear = |v: &f64| painter.color(*v).map(|c| c as f32);
+            peaks[index].iter().map(linear).map(|[r, g, b]| [r, g, b, 1.0]).collect()
+        });
         if mesh.triangles.is_empty() {
             report.notes.push(format!("mesh `{}` has no triangles and is left out", mesh.name));
             continue;
@@ -77,6 +88,10 @@ struct Scene<'a> {
     times: Option<usize>,
     fps: f64,
     frames: usize,
+    /// Colours in the place of those of the mesh that is written now.
+    paint: Option<Vec<[f32; 4]>>,
+    /// Material that shows nothing but them.
+    plain: Option<usize>,
 }
 
 impl<'a> Scene<'a> {
@@ -94,6 +109,8 @@ impl<'a> Scene<'a> {
             times: None,
             fps,
             frames,
+            paint: None,
+            plain: None,
         }
     }
 
@@ -173,9 +190,10 @@ impl<'a> Scene<'a> {
             }
             false => None,
         };
-        let color = match mesh.colors.len() == count {
+        let colors = self.paint.as_ref().unwrap_or(&mesh.colors);
+        let color = match colors.len() == count {
             true => {
-                let colors: Vec<f32> = mesh.colors.as_flattened().iter().map(|v| finite(*v).clamp(0.0, 1.0)).collect();
+                let colors: Vec<f32> = colors.as_flattened().iter().map(|v| finite(*v).clamp(0.0, 1.0)).collect();
                 Some(Attribute::new(&mut self.file, &colors, Rank::Vec4)?)
             }
             false => None,
@@ -203,7 +221,11 @@ impl<'a> Scene<'a> {
             }
             let local: Vec<u32> = indices.map(|i| i - lo).collect();
             let mut primitive = json!({ "attributes": attributes, "indices": self.file.indices(&local)?, "mode": 4 });
-            if let Some(material) = look.and_then(|l| self.material(l, uv.is_some())) {
+            let material = match self.paint {
+                Some(_) => Some(self.plain()),
+                None => look.and_then(|l| self.material(l, uv.is_some())),
+            };
+            if let Some(material) = material {
                 primitive["material"] = json!(material);
             }
             if !targets.is_empty() {
@@ -225,6 +247,16 @@ impl<'a> Scene<'a> {
                 json!({ "targetNames": (1..=targets.len()).map(|k| format!("motion {k}")).collect::<Vec<_>>() });
         }
         Ok(value)
+    }
+
+    /// The material that shows the colours of vertices as they are.
+    fn plain(&mut self) -> usize {
+        let surface = json!({ "baseColorFactor": [1.0, 1.0, 1.0, 1.0], "metallicFactor": 0.0, "roughnessFactor": 0.8 });
+        let materials = &mut self.materials;
+        *self.plain.get_or_insert_with(|| {
+            materials.push(json!({ "name": "colors", "pbrMetallicRoughness": surface, "doubleSided": true }));
+            materials.len() - 1
+        })
     }
 
     /// The material of a look; textures need texture coordinates.

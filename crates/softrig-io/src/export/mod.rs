@@ -51,7 +51,7 @@ pub enum Format {
 }
 
 impl Format {
-    /// The format that the ending of an output stands for; no ending is a folder of OBJ files.
+    /// The format that the ending of an output stands for; no ending is a folder of OBJ files, and `.ply` one of PLY files.
     ///
     /// # Errors
     /// [`ExportError::Unsupported`] names what to use instead.
@@ -67,6 +67,7 @@ impl Format {
             Some("glb") => Ok(Self::Glb),
             Some("usda") => Ok(Self::Usda),
             Some("vtu" | "pvd") => Ok(Self::Vtu),
+            Some("ply") => Ok(Self::PlySeries),
             None => Ok(Self::ObjSeries),
             Some("usdc" | "usd" | "usdz") => {
                 refuse("use .usda, which every USD program reads; `usdcat out.usda -o out.usdc` makes it binary")
@@ -74,9 +75,9 @@ impl Format {
             Some("gltf") => refuse("use .glb, the same in one file"),
             Some("abc") => refuse("use .usda or .pc2, which the programs that read Alembic read too"),
             Some("fbx") => refuse("use .glb, .usda or .pc2"),
-            Some("obj" | "ply") => refuse("name a folder, in which every frame gets a file"),
+            Some("obj") => refuse("name a folder, in which every frame gets a file"),
             Some("vtk") => refuse("use .vtu"),
-            _ => refuse("use .pc2, .mdd, .glb, .usda, .vtu, or a folder for OBJ or PLY files"),
+            _ => refuse("use .pc2, .mdd, .glb, .usda, .vtu, .ply for a folder of PLY files, or a folder for OBJ files"),
         }
     }
 }
@@ -92,7 +93,8 @@ pub struct ExportOptions {
     /// Fitting error of morph targets that counts as good, as a share of the character's height [-]. Default 1e-3: 1.7 mm on
     /// a person.
     pub morph_tolerance: f64,
-    /// Colours of the skin's vertices, for OBJ and PLY series; needs a journal that keeps the volume mesh.
+    /// Colours of the skin's vertices; needs a journal that keeps the volume mesh. In OBJ and PLY series they are those of each frame; glTF has no
+    /// colours over time, and a .glb gets those of the largest value that a vertex has in any frame. Other formats carry none.
     pub colors: Option<FleshField>,
 }
 

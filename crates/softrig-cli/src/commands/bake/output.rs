@@ -71,11 +71,17 @@ impl Target {
     /// # Errors
     /// [`Failure::Usage`] when its format cannot hold colours that change.
     pub fn color(&mut self, by: Option<FleshField>) -> Result<(), Failure> {
-        if by.is_some() && !matches!(self.format, Some(Format::ObjSeries | Format::PlySeries)) {
-            let text = format!(
-                "unsupported: --colors in {}; name a folder, for an OBJ series. A .vtu has stress and strain of every cell in any case",
-                self.out.display()
-            );
+        let holds = matches!(self.format, Some(Format::ObjSeries | Format::PlySeries | Format::Glb));
+        if by.is_some() && !holds {
+            let why = match self.format {
+                Some(Format::Vtu) => "it has stress and strain of every cell in any case; leave --colors out",
+                None => "a journal has no colours; choose them when it is converted",
+                _ => {
+                    "this format has positions only; name a folder for an OBJ series, .ply for a PLY series, or a .glb, \
+                     which shows the largest value of every vertex"
+                }
+            };
+            let text = format!("unsupported: --colors in {}: {why}", self.out.display());
             return Err(Failure::Usage(text));
         }
         self.colors = by;
