@@ -147,7 +147,7 @@ fn ply_series_and_glb_files_have_colours() {
     bake(dir.path(), "cubes.toml", "out.glb", &["--colors", "stress", "--frames", "0..12"]);
     let bytes = std::fs::read(dir.path().join("out.glb")).unwrap();
     let size = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
-    let json: serde_json::Value = serde_json::from_slice(&bytes[20..20 + size]).unwrap();
+    let json: Value = serde_json::from_slice(&bytes[20..20 + size]).unwrap();
     for mesh in json["meshes"].as_array().unwrap() {
         for primitive in mesh["primitives"].as_array().unwrap() {
             let accessor = &json["accessors"][primitive["attributes"]["COLOR_0"].as_u64().unwrap() as usize];
