@@ -227,9 +227,10 @@ pub fn write<S: Read + Seek>(
     if options.existing == Existing::Refuse && out.symlink_metadata().is_ok() {
         return Err(ExportError::Exists { file: out.to_owned() });
     }
-    if options.colors.is_some() && !matches!(format, Format::ObjSeries | Format::PlySeries) {
-        let instead = "name a folder, for an OBJ or PLY series; .vtu has stress and strain of every cell in any case";
-        let what = String::from("colours that change from frame to frame in this format");
+    if options.colors.is_some() && !matches!(format, Format::ObjSeries | Format::PlySeries | Format::Glb) {
+        let instead =
+            "name a folder for an OBJ series, a .ply or a .glb; .vtu has stress and strain of every cell in any case";
+        let what = String::from("colours of the flesh in this format");
         return Err(ExportError::Unsupported { what, instead: instead.into() });
     }
     match format {
