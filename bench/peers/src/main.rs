@@ -81,28 +81,15 @@ fn compare(cubes: [usize; 3], arguments: &Arguments) -> Result<(), Box<dyn Error
     let flesh = FleshBox::new(cubes);
     let mut own = own::Own::new(&flesh, arguments.young_modulus, arguments.solver)?;
     let mut peer = rapier::Peer::new(&flesh, arguments.young_modulus, arguments.cap);
-    let mut times = [Vec::new(), Vec::new()];
-    let mut iterations = 0;
-    for step in 0..arguments.steps.max(2) {
-        let start = Instant::now();
-        own.step()?;
-        let between = Instant::now();
-        peer.step();
-        if step > 0 {
-            times[0].push((between - start).as_secs_f64() * 1e3);
-            times[1].push(between.elapsed().as_secs_f64() * 1e3);
-            iterations += own.output.iterations;
-        }
-    }
-    let counted = times[0].len();
-    let [own_times, peer_times] = times.map(statistics);
+    let own_step = |own: &mut own::Own| own.step().map(|()| own.output.iterations);
+    let (times, iterations) = alternate(arguments.steps, &mut own, own_step, &mut peer)?;
     println!(
         "| {} | {} | {:.2} | {:.2} | {:.1} |",
         flesh.tets.len(),
-        both(own_times, peer_times),
+        both(times),
         1e3 * flesh.sag(|n| own.height(n)),
         1e3 * flesh.sag(|n| peer.height(n)),
-        iterations as f64 / counted as f64,
+        iterations,
     );
     Ok(())
 }
@@ -112,32 +99,44 @@ fn compare_two_way(cubes: [usize; 3], arguments: &Arguments) -> Result<(), Box<d
     let flesh = FleshBox::new(cubes);
     let mut own = two_way::TwoWayBox::new(&flesh, arguments.young_modulus, arguments.linearisations)?;
     let mut peer = rapier::Peer::two_way(&flesh, arguments.young_modulus, arguments.cap);
-    let mut times = [Vec::new(), Vec::new()];
-    let mut iterations = 0;
-    for step in 0..arguments.steps.max(2) {
-        let start = Instant::now();
-        let report = own.step()?;
-        let between = Instant::now();
-        peer.step();
-        if step > 0 {
-            times[0].push((between - start).as_secs_f64() * 1e3);
-            times[1].push(between.elapsed().as_secs_f64() * 1e3);
-            iterations += report.iterations;
-        }
-    }
-    let counted = times[0].len();
-    let [own_times, peer_times] = times.map(statistics);
+    let own_step = |own: &mut two_way::TwoWayBox| own.step().map(|report| report.iterations);
+    let (times, iterations) = alternate(arguments.steps, &mut own, own_step, &mut peer)?;
     println!(
         "| {} | {} | {:.2} | {:.2} | {:.1} | {} | {} |",
         flesh.tets.len(),
-        both(own_times, peer_times),
+        both(times),
         1e3 * flesh.sag(|n| own.height(n)),
         1e3 * flesh.sag(|n| peer.height(n)),
-        iterations as f64 / counted as f64,
+        iterations,
         own.bound(),
         flesh.bone.len(),
     );
     Ok(())
+}
+
+/// Steps both engines in turn: median and minimum of their times [ms], and mean iterations of a step of softrig, which `step` returns.
+/// The first step is not counted.
+fn alternate<O>(
+    steps: usize,
+    own: &mut O,
+    step: impl Fn(&mut O) -> Result<usize, Box<dyn Error>>,
+    peer: &mut rapier::Peer,
+) -> Result<([[f64; 2]; 2], f64), Box<dyn Error>> {
+    let mut times = [Vec::new(), Vec::new()];
+    let mut iterations = 0;
+    for k in 0..steps.max(2) {
+        let start = Instant::now();
+        let taken = step(own)?;
+        let between = Instant::now();
+        peer.step();
+        if k > 0 {
+            times[0].push((between - start).as_secs_f64() * 1e3);
+            times[1].push(between.elapsed().as_secs_f64() * 1e3);
+            iterations += taken;
+        }
+    }
+    let counted = times[0].len();
+    Ok((times.map(statistics), iterations as f64 / counted as f64))
 }
 
 /// Median and minimum.
@@ -147,7 +146,7 @@ fn statistics(mut times: Vec<f64>) -> [f64; 2] {
 }
 
 /// Columns of both engines' times and their ratio.
-fn both([own, own_least]: [f64; 2], [peer, peer_least]: [f64; 2]) -> String {
+fn both([[own, own_least], [peer, peer_least]]: [[f64; 2]; 2]) -> String {
     let (ratio, ratio_least) = (own / peer, own_least / peer_least);
     format!("{own:.1}, {own_least:.1} | {peer:.1}, {peer_least:.1} | {ratio:.3}, {ratio_least:.3}")
 }

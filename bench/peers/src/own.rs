@@ -63,6 +63,7 @@ impl Own {
             external_force: &self.weight,
             dt: scene::STEP,
             tolerance: scene::TOLERANCE,
+            reactions: false,
         };
         Ok(self.integrator.step(&mut self.body, &mut *self.solver, &input, &mut self.state, &mut self.output)?)
     }

@@ -51,6 +51,12 @@ pub enum Format {
 }
 
 impl Format {
+    /// Whether vertices can have colours of the flesh in it.
+    #[must_use]
+    pub fn holds_colors(self) -> bool {
+        matches!(self, Self::ObjSeries | Self::PlySeries | Self::Glb)
+    }
+
     /// The format that the ending of an output stands for; no ending is a folder of OBJ files, and `.ply` one of PLY files.
     ///
     /// # Errors
@@ -227,7 +233,7 @@ pub fn write<S: Read + Seek>(
     if options.existing == Existing::Refuse && out.symlink_metadata().is_ok() {
         return Err(ExportError::Exists { file: out.to_owned() });
     }
-    if options.colors.is_some() && !matches!(format, Format::ObjSeries | Format::PlySeries | Format::Glb) {
+    if options.colors.is_some() && !format.holds_colors() {
         let instead =
             "name a folder for an OBJ series, a .ply or a .glb; .vtu has stress and strain of every cell in any case";
         let what = String::from("colours of the flesh in this format");

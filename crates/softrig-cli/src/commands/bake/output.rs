@@ -71,8 +71,7 @@ impl Target {
     /// # Errors
     /// [`Failure::Usage`] when its format cannot hold colours that change.
     pub fn color(&mut self, by: Option<FleshField>) -> Result<(), Failure> {
-        let holds = matches!(self.format, Some(Format::ObjSeries | Format::PlySeries | Format::Glb));
-        if by.is_some() && !holds {
+        if by.is_some() && !self.format.is_some_and(Format::holds_colors) {
             let why = match self.format {
                 Some(Format::Vtu) => "it has stress and strain of every cell in any case; leave --colors out",
                 None => "a journal has no colours; choose them when it is converted",
