@@ -8,11 +8,11 @@ use softrig_linalg::Scalar;
 
 /// A bone may turn this much in one step [rad]: a third of a right angle, which the rotations of cells follow safely.
 pub(super) const LONGEST_TURN: f64 = 0.5;
-/// A bound node may move this share of the height in one step.
+/// A bound node may move this share of the body's longest side in one step.
 pub(super) const LONGEST_MOVE: f64 = 0.1;
 /// However fast the bones, a frame has at most this many steps.
 pub(super) const MOST_SUBSTEPS: f64 = 64.0;
-/// A jump is a teleport when it is this share of the height ...
+/// A jump is a teleport when it is this share of the body's longest side ...
 pub(super) const TELEPORT_SHARE: f64 = 0.2;
 /// ... and this many times the move of the frames before and after.
 pub(super) const TELEPORT_RATIO: f64 = 8.0;
@@ -51,7 +51,7 @@ impl<R: Scalar> Simulation<R> {
         c.to.set(&self.skeleton, &self.binding, &c.end);
         let rest = &self.body.mesh.nodes;
         let moved = c.from.largest_move(&c.to, &self.binding, rest);
-        if moved > TELEPORT_SHARE * self.height {
+        if moved > TELEPORT_SHARE * self.size {
             let next = c.to.largest_move(&self.drive(&motion.pose(time + dt)), &self.binding, rest);
             let around = self.last_move.map_or(next, |last| last.max(next));
             if moved > TELEPORT_RATIO * around {
@@ -110,7 +110,7 @@ impl<R: Scalar> Simulation<R> {
     pub(super) fn substeps(&self, from: &Drive, to: &Drive, moved: f64, dt: f64) -> usize {
         let by_time = dt / self.settings.longest_step - 1e-6;
         let by_turn = from.largest_turn(to) / LONGEST_TURN;
-        let by_move = moved / (LONGEST_MOVE * self.height);
+        let by_move = moved / (LONGEST_MOVE * self.size);
         by_time.max(by_turn).max(by_move).ceil().clamp(1.0, MOST_SUBSTEPS) as usize
     }
 

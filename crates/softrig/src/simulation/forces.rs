@@ -9,7 +9,7 @@ use softrig_linalg::Scalar;
 
 /// A dragged body as a whole swings this many times a second [1/s]: fast enough to follow a hand.
 const DRAG_FREQUENCY: f64 = 3.0;
-/// A spring pulls no harder than at this length, as a share of the height: a target out of reach must not tear.
+/// A spring pulls no harder than at this length, as a share of the body's longest side: a target out of reach must not tear.
 const LONGEST_SPRING: f64 = 0.3;
 /// Density of air [kg/m3].
 const AIR: f64 = 1.2;
@@ -24,7 +24,7 @@ impl<R: Scalar> Simulation<R> {
         }
         let mut hand = 0.0f64;
         for p in &c.pulls {
-            force += p.stiffness * LONGEST_SPRING * self.height;
+            force += p.stiffness * LONGEST_SPRING * self.size;
             hand = hand.max(length(p.velocity));
         }
         for d in &c.drags {
@@ -40,7 +40,7 @@ impl<R: Scalar> Simulation<R> {
             .zip(&self.pose.world)
             .map(|(a, b)| DVec3::from(a.translation).distance(DVec3::from(b.translation)) / dt);
         let bone = bone.fold(0.0, f64::max);
-        let fall = (acceleration + 20.0 * force / c.mass.max(f64::MIN_POSITIVE)) * self.height;
+        let fall = (acceleration + 20.0 * force / c.mass.max(f64::MIN_POSITIVE)) * self.size;
         3.0 * ((2.0 * fall).sqrt() + 2.0 * bone + hand)
     }
 
@@ -66,7 +66,7 @@ impl<R: Scalar> Simulation<R> {
         c.pulls.clear();
         c.drags.clear();
         let omega = std::f64::consts::TAU * DRAG_FREQUENCY;
-        let (longest, mass) = (LONGEST_SPRING * self.height, c.mass);
+        let (longest, mass) = (LONGEST_SPRING * self.size, c.mass);
         for (event, anchor) in c.events.iter().zip(&mut c.now.anchors) {
             if !event.acts(t) {
                 *anchor = None;

@@ -74,7 +74,10 @@ pub struct Simulation<R> {
     settles_itself: bool,
     solver: Box<dyn LinearSolver<R>>,
     skin: SkinCarrier,
+    /// Of the character [m].
     height: f64,
+    /// Longest side of the box around the rest shape [m]: what lengths are measured by, whichever way a character lies.
+    size: f64,
     /// Pose realised at `state.time`.
     pose: Pose,
     output: StepOutput<R>,
@@ -109,6 +112,16 @@ struct Scratch<R> {
     nodes: Vec<[f64; 3]>,
     /// Where skinning has the nodes now and at the end of the step, for integrators that want it.
     frames: [Vec<NodeFrame>; 2],
+}
+
+/// Of the box around the points [m].
+fn longest_side(points: &[[f64; 3]]) -> f64 {
+    let side = |k: usize| {
+        let along = points.iter().map(|p| p[k]);
+        let (least, most) = along.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, m), v| (l.min(v), m.max(v)));
+        (most - least).max(0.0)
+    };
+    (0..3).map(side).fold(0.0, f64::max)
 }
 
 fn cast<R: Scalar>(v: [f64; 3]) -> [R; 3] {
@@ -147,6 +160,7 @@ impl<R: Scalar> Simulation<R> {
         Ok(Self {
             skeleton: character.skeleton.clone(),
             height: character.height(),
+            size: longest_side(&body.mesh.nodes),
             integrator: settings.dynamics.integrator(),
             settles_itself: false,
             solver,

@@ -9,7 +9,19 @@ use crate::rig::{Base, JointId, Pose};
 use glam::DVec3;
 use softrig_linalg::Scalar;
 
-/// Length at which torques count as forces, as a share of the height.
+/// A step that took bones so many times as far as a step may is cut [-].
+const TOO_FAR: f64 = 2.0;
+
+/// What is asked of a step.
+#[derive(Clone, Copy)]
+struct Asked {
+    /// What joints carry at its end.
+    reactions: bool,
+    /// It may be undone, to be done in two.
+    may_cut: bool,
+}
+
+/// Length at which torques count as forces, as a share of the body's longest side.
 const ARM: f64 = 0.2;
 
 impl<R: Scalar> Simulation<R> {
@@ -117,7 +129,7 @@ impl<R: Scalar> Simulation<R> {
         course.to.set(&self.skeleton, &self.binding, &end);
         let rest = &self.body.mesh.nodes;
         let moved = course.from.largest_move(&course.to, &self.binding, rest);
-        if moved > TELEPORT_SHARE * self.height {
+        if moved > TELEPORT_SHARE * self.size {
             let mut next = Pose::default();
             self.composed(c, &motion.pose(time + dt), &mut next);
             let next = course.to.largest_move(&self.drive(&next), &self.binding, rest);
@@ -139,20 +151,30 @@ impl<R: Scalar> Simulation<R> {
         }
         course.end = end;
         let by_turn = dt * c.now.turn_rate / LONGEST_TURN;
-        let by_speed = dt * c.now.speed / (LONGEST_MOVE * self.height);
+        let by_speed = dt * c.now.speed / (LONGEST_MOVE * self.size);
         let own = by_turn.max(by_speed).ceil().clamp(1.0, MOST_SUBSTEPS) as usize;
-        report.substeps = self.substeps(&course.from, &course.to, moved, dt).max(own);
-        for s in 1..=report.substeps {
-            let t = if s < report.substeps { t0 + dt * s as f64 / report.substeps as f64 } else { time };
+        let mut pieces = self.substeps(&course.from, &course.to, moved, dt).max(own);
+        let mut s = 1;
+        while s <= pieces {
+            let t = if s < pieces { t0 + dt * s as f64 / pieces as f64 } else { time };
             motion.pose_into(t, &mut course.locals, &mut course.now);
             c.articulation.base_into(&self.skeleton, &course.now, &mut c.base);
-            match c.staggered.take() {
-                None => self.coupled_step(c, t, &mut report)?,
+            let stays = match c.staggered.take() {
+                None => {
+                    let may_cut = 2 * pieces <= MOST_SUBSTEPS as usize;
+                    self.coupled_step(c, t, Asked { reactions: s == pieces, may_cut }, &mut report)?
+                }
                 Some(scheme) => {
                     let result = self.staggered_step(c, &scheme, t, &mut report);
                     c.staggered = Some(scheme);
-                    result?;
+                    result.map(|()| true)?
                 }
+            };
+            if stays {
+                (s, report.substeps) = (s + 1, report.substeps + 1);
+            } else {
+                // the first half of the same step
+                (s, pieces) = (2 * s - 1, 2 * pieces);
             }
         }
         self.last_move = Some(moved);
@@ -162,8 +184,15 @@ impl<R: Scalar> Simulation<R> {
         Ok(report)
     }
 
-    /// One step, done again by implicit Euler where it gained more than physics can give.
-    fn coupled_step(&mut self, c: &mut CoupledState<R>, t: f64, report: &mut FrameReport) -> Result<(), StepError> {
+    /// One step, done again by implicit Euler where it gained more than physics can give. One that took bones much further than a step
+    /// may, as no speed before it told, is undone where it may be cut: `false`.
+    fn coupled_step(
+        &mut self,
+        c: &mut CoupledState<R>,
+        t: f64,
+        asked: Asked,
+        report: &mut FrameReport,
+    ) -> Result<bool, StepError> {
         let dt = t - self.state.time;
         self.forces(c, t, dt);
         let method = self.settings.dynamics.method::<R>();
@@ -187,9 +216,10 @@ impl<R: Scalar> Simulation<R> {
                 external_force: &self.scratch.external_force,
                 dt,
                 tolerance: self.settings.tolerance,
-                length: ARM * self.height,
+                length: ARM * self.size,
                 scheme,
                 linearisations,
+                reactions: asked.reactions,
             };
             let mut moving = Coupled {
                 body: &mut self.body,
@@ -210,21 +240,12 @@ impl<R: Scalar> Simulation<R> {
                 }
                 Err(e) if attempt == 1 || matches!(e, StepError::Unsupported(_)) => return Err(e),
                 done => {
-                    if done.is_ok() {
-                        self.body.model.roll_back();
-                    }
-                    self.state.copy(&c.step.state);
-                    self.pose.world.clone_from(&c.step.pose.world);
-                    c.now.copy(&c.before_step);
-                    c.stepper.forget();
+                    self.undo_step(c, done.is_ok());
                     (scheme, linearisations) = (Scheme::ImplicitEuler, 3);
                     report.guarded_steps += 1;
                 }
             }
         }
-        self.state.time = t;
-        c.now.deviation.clear();
-        c.now.deviation.extend_from_slice(c.stepper.deviation());
         c.step.from.set(&self.skeleton, &self.binding, &c.step.pose);
         c.step.to.set(&self.skeleton, &self.binding, &self.pose);
         c.now.turn_rate = c.step.from.largest_turn(&c.step.to) / dt;
@@ -232,8 +253,27 @@ impl<R: Scalar> Simulation<R> {
         let moved = self.state.position.iter().zip(&c.step.state.position).zip(&self.binding.bound);
         let moved = moved.filter(|(_, bound)| **bound).map(|((a, b), _)| at(a).distance(at(b)));
         c.now.speed = moved.fold(0.0, f64::max) / dt;
+        let far = (c.now.turn_rate * dt / LONGEST_TURN).max(c.now.speed * dt / (LONGEST_MOVE * self.size));
+        if asked.may_cut && far > TOO_FAR {
+            self.undo_step(c, true);
+            return Ok(false);
+        }
+        self.state.time = t;
+        c.now.deviation.clear();
+        c.now.deviation.extend_from_slice(c.stepper.deviation());
         report.add_step(&self.output);
-        Ok(())
+        Ok(true)
+    }
+
+    /// Puts everything back to where the step began; `done` when it had succeeded.
+    fn undo_step(&mut self, c: &mut CoupledState<R>, done: bool) {
+        if done {
+            self.body.model.roll_back();
+        }
+        self.state.copy(&c.step.state);
+        self.pose.world.clone_from(&c.step.pose.world);
+        c.now.copy(&c.before_step);
+        c.stepper.forget();
     }
 
     /// Largest speed of a node [m/s], against the mean motion: a body that nobody holds may fly as fast as it likes.

@@ -71,8 +71,9 @@ pub(crate) struct Krylov {
     pub x: Pair,
     /// Nothing has moved it from zero yet.
     at_zero: bool,
-    /// Its true residual.
+    /// Its true residual, and the torques in it with those of the flesh that follows, g = r_q + Wᵀ r_f.
     left: Pair,
+    torque: Vec<f64>,
     d: Light,
     r: Light,
     z: Light,
@@ -132,12 +133,25 @@ impl Krylov {
         });
     }
 
+    /// Size of what is left [N]. A joint that turns takes the flesh along, so its torque counts with that of the flesh around it: so does
+    /// the iteration's own measure, and what the flesh leaves at a hundred nodes is no torque on a bone that it would move with.
+    fn size_left<R: Scalar>(&mut self, parts: &Parts<'_, R>, length: f64) -> f64 {
+        let left = &self.left.node;
+        parts.along.gather(left.len(), |n| (n, left[n].map(|v| v as f32)), &mut self.partial, &mut self.wrench);
+        self.torque.clone_from(&self.left.joint);
+        parts.joints.collect(&self.wrench, &mut self.torque);
+        std::mem::swap(&mut self.torque, &mut self.left.joint);
+        let size = self.left.size(length);
+        std::mem::swap(&mut self.torque, &mut self.left.joint);
+        size
+    }
+
     /// left = rhs − (system) x in f64. Returns its size.
     fn true_residual<R: Scalar>(&mut self, parts: &mut Parts<'_, R>, rhs: &Pair, length: f64) -> f64 {
         if self.at_zero {
             self.left.joint.clone_from(&rhs.joint);
             self.left.node.clone_from(&rhs.node);
-            return self.left.size(length);
+            return self.size_left(parts, length);
         }
         let n = self.x.joint.len();
         parts.joints.twists(&self.x.joint, &mut self.twist);
@@ -179,7 +193,7 @@ impl Krylov {
                 *to = if free { std::array::from_fn(|k| rhs.node[n][k] - image[n][k]) } else { [0.0; 3] };
             }
         });
-        self.left.size(length)
+        self.size_left(parts, length)
     }
 
     /// q = (system) p, flesh counted from where its bones take it.
@@ -230,7 +244,8 @@ impl Krylov {
                 return done(iterations, left);
             }
             let before = left;
-            iterations += self.pass(parts, asked.max(BELIEVED * left), length, MOST_ITERATIONS - iterations);
+            let goal = asked.max(BELIEVED * left);
+            iterations += self.pass(parts, (goal, left), length, MOST_ITERATIONS - iterations);
             // d = d' + W q
             let found = std::mem::take(&mut self.d);
             self.x.node.par_chunks_mut(CHUNK).zip(found.node.par_chunks(CHUNK)).for_each(|(x, d)| {
@@ -250,22 +265,23 @@ impl Krylov {
         }
     }
 
-    /// Conjugate gradients on what is left until its size is at most `goal` [N]; leaves the correction in `d`.
-    fn pass<R: Scalar>(&mut self, parts: &mut Parts<'_, R>, goal: f64, length: f64, limit: usize) -> usize {
+    /// Conjugate gradients on what is left, of the size `from` [N], until that is at most `goal`; leaves the correction in `d`.
+    fn pass<R: Scalar>(
+        &mut self,
+        parts: &mut Parts<'_, R>,
+        (goal, from): (f64, f64),
+        length: f64,
+        limit: usize,
+    ) -> usize {
         // f32 has the digits but not the range
-        let scale = (-self.left.size(length).log2().floor()).exp2();
+        let scale = (-from.log2().floor()).exp2();
         let (left, factor) = (&self.left, scale);
         self.r.node.par_chunks_mut(CHUNK).zip(left.node.par_chunks(CHUNK)).for_each(|(r, l)| {
             for (r, l) in r.iter_mut().zip(l) {
                 *r = [(l[0] * factor) as f32, (l[1] * factor) as f32, (l[2] * factor) as f32, 0.0];
             }
         });
-        // g = r_q + Wᵀ r_f
-        let (r, role) = (&self.r.node, parts.role);
-        let force = |n: usize| (n, if role[n] == Role::Free { [r[n][0], r[n][1], r[n][2]] } else { [0.0; 3] });
-        parts.along.gather(r.len(), force, &mut self.partial, &mut self.wrench);
-        self.r.joint.iter_mut().zip(&left.joint).for_each(|(r, l)| *r = l * scale);
-        parts.joints.collect(&self.wrench, &mut self.r.joint);
+        self.r.joint.iter_mut().zip(&self.torque).for_each(|(r, t)| *r = t * scale);
         let (nodes, unknowns) = (self.r.node.len(), self.r.joint.len());
         for v in [&mut self.d, &mut self.z] {
             v.resize(nodes, unknowns);

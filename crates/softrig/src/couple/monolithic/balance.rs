@@ -12,24 +12,32 @@ use rayon::prelude::*;
 use softrig_linalg::Scalar;
 
 impl<R: Scalar> Monolithic<R> {
-    /// Linearises the flesh, at the start or at what has been found, and computes what is left of the equations.
+    /// Linearises the flesh, at the start or at what has been found, and computes what is left of the equations. Returns its elastic
+    /// energy there [J].
     pub(super) fn balance(
         &mut self,
         body: &mut Body<R>,
         course: &Course<'_, R>,
         configuration: &Configuration,
         at_start: bool,
-    ) {
+    ) -> f64 {
         self.set_motion(course.input.dt);
         // rotations: those of the start, then those of what has been found
         let at = if at_start { &course.state.position } else { &self.x };
         body.model.linearise(at);
-        let displacement = at_start.then_some(&self.d[..]);
-        let increment = Increment { displacement, velocity: Some(&self.v), damping: body.stiffness_damping };
-        body.model.force(at, increment, &mut self.force);
+        // what no bone moved and nothing damps costs nothing
+        let moved = at_start && self.d.iter().flatten().any(|d| *d != R::zero());
+        let damped = body.model.is_damped() || body.stiffness_damping != R::zero();
+        let increment = Increment {
+            displacement: moved.then_some(&self.d[..]),
+            velocity: damped.then_some(&self.v[..]),
+            damping: body.stiffness_damping,
+        };
+        let energy = body.model.force(at, increment, &mut self.force);
         self.rhs.resize(self.now.len(), course.input.articulation.unknown_count());
         self.node_balance(body, course);
         self.joint_balance(course, configuration);
+        energy
     }
 
     /// Displacement d and its velocity d/h in the numbers of the model.

@@ -78,6 +78,8 @@ pub struct CoupledInput<'a, R> {
     pub scheme: Scheme,
     /// How often it is linearised.
     pub linearisations: usize,
+    /// Whether the forces that hold bound nodes are wanted: they cost one more evaluation of all cells.
+    pub reactions: bool,
 }
 
 /// What moves in a coupled step.
@@ -134,7 +136,7 @@ pub struct Monolithic<R> {
     a: Vec<[R; 3]>,
     force: Vec<[R; 3]>,
     deviation: Vec<f64>,
-    /// What is left for the bones to hold at each bound node at the end of the last step [N].
+    /// What is left for the bones to hold at each bound node at the end of the last step with reactions [N].
     load: Vec<[f64; 3]>,
 }
 
@@ -211,8 +213,8 @@ impl<R: Scalar> Monolithic<R> {
         &self.limit_torque
     }
 
-    /// Force that bound flesh exerts on its bones at each node at the end of the last step [N]: weight, pulls and inertia
-    /// included, zero on free nodes.
+    /// Force that bound flesh exerts on its bones at each node at the end of the last step that was asked for reactions [N]:
+    /// weight, pulls and inertia included, zero on free nodes.
     #[must_use]
     pub fn load(&self) -> &[[f64; 3]] {
         &self.load
@@ -339,7 +341,7 @@ impl<R: Scalar> Monolithic<R> {
         let most = asked_for + EXTRA;
         let mut k = 0;
         while k < asked_for {
-            self.balance(body, &course, configuration, k == 0);
+            output.elastic_energy = self.balance(body, &course, configuration, k == 0);
             let norm = self.rhs.size(input.length);
             if k == 0 {
                 first = norm;

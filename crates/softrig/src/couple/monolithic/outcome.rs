@@ -93,7 +93,7 @@ impl<R: Scalar> Monolithic<R> {
         });
     }
 
-    /// Velocities, accelerations, holding forces and energies at the end of the step.
+    /// Velocities, accelerations and kinetic energy at the end of the step; holding forces and elastic energy where asked for.
     pub(super) fn finish(
         &mut self,
         body: &mut Body<R>,
@@ -110,17 +110,20 @@ impl<R: Scalar> Monolithic<R> {
             }
             self.x[i] = x.map(R::from_f64);
         }
-        body.model.linearise(&self.x);
-        output.elastic_energy = body.model.force(&self.x, Increment::none(), &mut self.force);
-        output.reaction.resize(self.now.len(), [R::zero(); 3]);
         output.kinetic_energy = 0.0;
-        for i in 0..self.now.len() {
-            output.reaction[i] = if self.role[i] == Role::Bound { self.force[i] } else { [R::zero(); 3] };
-            let v = self.v[i].map(Scalar::to_f64);
-            output.kinetic_energy += 0.5 * body.mass[i].to_f64() * (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+        for (v, m) in self.v.iter().zip(&body.mass) {
+            let v = v.map(Scalar::to_f64);
+            output.kinetic_energy += 0.5 * m.to_f64() * (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
         }
         self.set_deviation(course, configuration);
-        self.hold(body, course);
+        if course.input.reactions {
+            body.model.linearise(&self.x);
+            output.elastic_energy = body.model.force(&self.x, Increment::none(), &mut self.force);
+            output.reaction.clear();
+            let on = |(role, force): (&Role, &[R; 3])| if *role == Role::Bound { *force } else { [R::zero(); 3] };
+            output.reaction.extend(self.role.iter().zip(&self.force).map(on));
+            self.hold(body, course);
+        }
         Ok(())
     }
 
