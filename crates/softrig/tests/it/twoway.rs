@@ -272,7 +272,8 @@ fn shake(e: f64, h: f64, dynamics: Dynamics, steps: usize) -> String {
         far = sim.state.position.iter().map(|p| DVec3::from(*p).length()).fold(far, f64::max);
         fast = sim.state.velocity.iter().map(|p| DVec3::from(*p).length()).fold(fast, f64::max);
     }
-    assert!(far < 2.0 && fast < 60.0, "E {e} h {h} {dynamics:?}: {far} m, {fast} m/s");
+    // the hand pulls with up to 3 kN at 10 m/s: single nodes of soft flesh whip, the body stays together
+    assert!(far < 2.0 && fast < 150.0, "E {e} h {h} {dynamics:?}: {far} m, {fast} m/s");
     assert!(hit > 0.499, "a limit must have been hit: {hit}");
     assert!(missed == 0, "E {e} h {h} {dynamics:?}: {missed} steps missed their tolerance");
     let ms = 1e3 * begun.elapsed().as_secs_f64() / done as f64;
