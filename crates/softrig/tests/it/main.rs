@@ -10,6 +10,7 @@ mod cycles;
 mod exchange;
 mod golden;
 mod hard;
+mod lead;
 mod mesh;
 mod multigrid;
 mod odd_rigs;
