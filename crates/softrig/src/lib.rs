@@ -13,6 +13,7 @@
 
 pub mod body;
 pub mod character;
+pub mod constraint;
 pub mod couple;
 pub mod force;
 pub mod frame;

@@ -30,6 +30,11 @@ impl<R: Scalar> Guarded<R> {
         Self { inner, before: State::default() }
     }
 
+    /// The guarded method.
+    pub(super) fn inner(&mut self) -> &mut Implicit<R> {
+        &mut self.inner
+    }
+
     /// Takes back the step just done and does it with implicit Euler.
     fn redo(
         &mut self,

@@ -80,6 +80,8 @@ pub struct Implicit<R> {
     inertia: Vec<[R; 3]>,
     rhs: Vec<[R; 3]>,
     correction: Vec<[R; 3]>,
+    /// Displacements of free nodes that steps begin with; empty: none.
+    pub(super) lead: Vec<[R; 3]>,
 }
 
 /// What the solver's symbolic work was done for.
@@ -121,6 +123,7 @@ impl<R: Scalar> Implicit<R> {
             inertia: Vec::new(),
             rhs: Vec::new(),
             correction: Vec::new(),
+            lead: Vec::new(),
         }
     }
 
@@ -209,7 +212,10 @@ impl<R: Scalar> Implicit<R> {
         let c = self.scheme.constants(input.dt);
         let n = state.position.len();
         for i in 0..n {
-            self.d[i] = [R::zero(); 3];
+            self.d[i] = self.lead.get(i).copied().unwrap_or([R::zero(); 3]);
+            if body.constraints.is_constrained(i) {
+                self.d[i] = [R::zero(); 3];
+            }
             if body.constraints.is_constrained(i) && !held(body, i) {
                 self.d[i] = std::array::from_fn(|k| input.target_position[i][k] - state.position[i][k]);
             }
@@ -220,7 +226,7 @@ impl<R: Scalar> Implicit<R> {
         for linearisation in 0..self.linearisations.max(1) {
             self.kinematics(body, &c, input, state);
             body.model.linearise(&self.x);
-            // f_int + K d + b K v'; d counts only while x does not contain it, and then only prescribed nodes have one
+            // f_int + K d + b K v'; d counts only while x does not contain it, and then only prescribed and linked nodes have one
             let moved = linearisation == 0 && self.d.iter().flatten().any(|d| *d != R::zero());
             let damped = body.model.is_damped() || body.stiffness_damping != R::zero();
             let increment = Increment {

@@ -1,20 +1,24 @@
 //! Time integration: one step of `M a + C v + f_int(x) = f_ext` with some nodes prescribed.
 //!
-//! [`Dynamics`] names what to use; [`Implicit`] is the method behind all of it, [`Guarded`] the safety net around it.
+//! [`Dynamics`] names what to use; [`Implicit`] is the method behind all of it, [`Guarded`] the safety net around it, and [`Linked`] keeps
+//! it within linear conditions between nodes.
 
 mod dynamics;
 mod guard;
 mod implicit;
+mod linked;
 mod start;
 mod system;
 
 pub use dynamics::Dynamics;
 pub use guard::Guarded;
 pub use implicit::{Implicit, Scheme, implicit};
+pub use linked::Linked;
 pub use start::initial_acceleration;
 pub(crate) use system::StepSystem;
 
 use crate::body::Body;
+use crate::constraint::LinkError;
 use softrig_linalg::{LinearSolver, Scalar, SolveError};
 
 /// Residual asked of a solve that is not a step's last. What a linearisation leaves is about a hundredth of what it found
@@ -124,6 +128,14 @@ pub enum StepError {
         time: f64,
         /// Largest node speed [m/s].
         speed: f64,
+    },
+    /// Links between nodes cannot be met.
+    #[error("at t = {time:.4} s: {source}")]
+    Link {
+        /// Time of the failed step [s].
+        time: f64,
+        /// Which ones, and why.
+        source: LinkError,
     },
     /// The method cannot do what was asked.
     #[error("unsupported: {0}")]
