@@ -24,7 +24,7 @@ impl<R: Scalar> InternalForce<R> for Clustered<R> {
     }
 }
 
-impl<R: Scalar> InternalForce<R> for ElementWise<R> {
+impl<R: Scalar, const N: usize> InternalForce<R> for ElementWise<R, N> {
     fn internal_force(&mut self, position: &[[R; 3]], velocity: &[[R; 3]], force: &mut [[R; 3]]) {
         Self::internal_force(self, position, velocity, R::zero(), force);
     }

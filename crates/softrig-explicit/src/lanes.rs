@@ -1,6 +1,6 @@
-//! Four cells side by side: corners of cells as lanes, and forces of lanes on nodes.
+//! Cells side by side, four or a multiple of it: corners of cells as lanes, and forces of lanes on nodes.
 //!
-//! No closures here or in the kernels that call this: one that is not inlined is compiled without their wide instructions.
+//! Closures of the kernels that call this have to be inlined: others are compiled without their wide instructions.
 
 use crate::part::Part;
 use softrig_linalg::{Scalar, Vec3, Wide};
@@ -31,21 +31,37 @@ pub(crate) fn gather<R: Scalar>(part: &Part, from: &[[R; 3]], to: &mut [[R; 4]])
     }
 }
 
-/// One corner of four cells.
+/// One corner of `N` cells, a multiple of four.
 #[inline(always)]
-pub(crate) fn corner<R: Scalar>(from: &[[R; 4]], node: &[u32; LANES]) -> Vec3<Quad<R>> {
-    let [a, b, c, d] = *node;
-    let t = R::transposed([&from[a as usize], &from[b as usize], &from[c as usize], &from[d as usize]]);
-    Vec3([Wide(t[0]), Wide(t[1]), Wide(t[2])])
+pub(crate) fn corner<R: Scalar, const N: usize>(from: &[[R; 4]], node: &[u32; N]) -> Vec3<Wide<R, N>> {
+    let mut out = Vec3([Wide([R::zero(); N]); 3]);
+    for c in 0..N / LANES {
+        let n = |l: usize| node[LANES * c + l] as usize;
+        let t = R::transposed([&from[n(0)], &from[n(1)], &from[n(2)], &from[n(3)]]);
+        for k in 0..3 {
+            for l in 0..LANES {
+                out.0[k].0[LANES * c + l] = t[k][l];
+            }
+        }
+    }
+    out
 }
 
-/// Adds the forces on one corner of four cells.
+/// Adds the forces on one corner of `N` cells.
 #[inline(always)]
-pub(crate) fn scatter<R: Scalar>(f: Vec3<Quad<R>>, node: &[u32; LANES], to: &mut [[R; 4]]) {
+pub(crate) fn scatter<R: Scalar, const N: usize>(f: Vec3<Wide<R, N>>, node: &[u32; N], to: &mut [[R; 4]]) {
     let zero = [R::zero(); 4];
-    let t = R::transposed([&f.0[0].0, &f.0[1].0, &f.0[2].0, &zero]);
-    for l in 0..LANES {
-        let at = &mut to[node[l] as usize];
-        *at = (Wide(*at) + Wide(t[l])).0;
+    for c in 0..N / LANES {
+        let mut four = [zero; 3];
+        for k in 0..3 {
+            for l in 0..LANES {
+                four[k][l] = f.0[k].0[LANES * c + l];
+            }
+        }
+        let t = R::transposed([&four[0], &four[1], &four[2], &zero]);
+        for l in 0..LANES {
+            let at = &mut to[node[LANES * c + l] as usize];
+            *at = (Wide(*at) + Wide(t[l])).0;
+        }
     }
 }

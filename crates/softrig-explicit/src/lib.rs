@@ -28,3 +28,6 @@ pub mod skeleton;
 pub mod stability;
 pub mod stepper;
 pub mod stress;
+mod threads;
+
+pub use threads::awake;

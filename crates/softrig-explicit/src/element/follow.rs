@@ -6,14 +6,14 @@
 //! reference shape times the volume [N m].
 #![allow(non_snake_case, reason = "symbols of the continuum mechanics literature")]
 
-use crate::lanes::{Quad, whole};
+use crate::lanes::whole;
 use softrig::force::polar::{polar, polar_step, rotation};
 use softrig_linalg::{Lane, Mat3, Scalar, Vec3, Wide};
 
 /// How rotations follow the positions: a type, so that a loop holds the code of one way only and keeps its numbers in registers.
 pub(super) trait Rotations: Copy + Send + Sync {
     /// The rotation of F, from that of the last force.
-    fn follow<R: Scalar>(self, F: Mat3<Quad<R>>, q: [Quad<R>; 4]) -> [Quad<R>; 4];
+    fn follow<R: Scalar, const N: usize>(self, F: Mat3<Wide<R, N>>, q: [Wide<R, N>; 4]) -> [Wide<R, N>; 4];
 }
 
 /// To rounding.
@@ -30,24 +30,24 @@ pub(super) struct Still;
 
 impl Rotations for Exactly {
     #[inline(always)]
-    fn follow<R: Scalar>(self, F: Mat3<Quad<R>>, q: [Quad<R>; 4]) -> [Quad<R>; 4] {
+    fn follow<R: Scalar, const N: usize>(self, F: Mat3<Wide<R, N>>, q: [Wide<R, N>; 4]) -> [Wide<R, N>; 4] {
         polar(F, q)
     }
 }
 
 impl Rotations for Still {
     #[inline(always)]
-    fn follow<R: Scalar>(self, _: Mat3<Quad<R>>, q: [Quad<R>; 4]) -> [Quad<R>; 4] {
+    fn follow<R: Scalar, const N: usize>(self, _: Mat3<Wide<R, N>>, q: [Wide<R, N>; 4]) -> [Wide<R, N>; 4] {
         q
     }
 }
 
 impl Rotations for OneStep {
     #[inline(always)]
-    fn follow<R: Scalar>(self, F: Mat3<Quad<R>>, q: [Quad<R>; 4]) -> [Quad<R>; 4] {
+    fn follow<R: Scalar, const N: usize>(self, F: Mat3<Wide<R, N>>, q: [Wide<R, N>; 4]) -> [Wide<R, N>; 4] {
         let b = whole(rotation(q).transpose() * F).0;
         let g = Vec3([b[1][2] - b[2][1], b[2][0] - b[0][2], b[0][1] - b[1][0]]);
-        let half = Quad::<R>::constant(-0.5);
+        let half = Wide::<R, N>::constant(-0.5);
         let (d, e, f) = (half * (b[0][1] + b[1][0]), half * (b[0][2] + b[2][0]), half * (b[1][2] + b[2][1]));
         let (x, y, z) = (b[1][1] + b[2][2], b[0][0] + b[2][2], b[0][0] + b[1][1]);
         // cofactors of the symmetric Hessian [x d e; d y f; e f z]
@@ -60,12 +60,12 @@ impl Rotations for OneStep {
             xz * g.0[0] + yz * g.0[1] + zz * g.0[2],
         ]);
         // a Hessian that says nothing or points uphill is left to the careful step
-        let sense = whole(n.dot(g).min(det - Quad::<R>::constant(1e-9))).0;
-        if !(sense[0] >= R::zero() && sense[1] >= R::zero() && sense[2] >= R::zero() && sense[3] >= R::zero()) {
+        let sense = whole(n.dot(g).min(det - Wide::<R, N>::constant(1e-9))).0;
+        if !sense.iter().fold(true, |all, s| all & (*s >= R::zero())) {
             return by_care(&F, &q);
         }
-        let one = Quad::<R>::one();
-        let w = n.scale(Quad::<R>::constant(-0.25) / det);
+        let one = Wide::<R, N>::one();
+        let w = n.scale(Wide::<R, N>::constant(-0.25) / det);
         let ww = w.dot(w);
         let inverse = one / (one + ww);
         // q dq
@@ -78,18 +78,18 @@ impl Rotations for OneStep {
 
 #[cold]
 #[inline(never)]
-fn by_care<R: Scalar>(F: &Mat3<Quad<R>>, q: &[Quad<R>; 4]) -> [Quad<R>; 4] {
+fn by_care<R: Scalar, const N: usize>(F: &Mat3<Wide<R, N>>, q: &[Wide<R, N>; 4]) -> [Wide<R, N>; 4] {
     polar_step(*F, *q)
 }
 
 /// P = 2 mu (F - R) + lam (tr(Rᵀ F) - 3) R: what R (2 mu (S - I) + lam tr(S - I) I) is, with S = Rᵀ F symmetric.
 #[inline(always)]
-pub(super) fn warped_stress<R: Scalar>(
-    F: Mat3<Quad<R>>,
-    rot: Mat3<Quad<R>>,
-    lambda: Quad<R>,
-    two_mu: Quad<R>,
-) -> Mat3<Quad<R>> {
+pub(super) fn warped_stress<R: Scalar, const N: usize>(
+    F: Mat3<Wide<R, N>>,
+    rot: Mat3<Wide<R, N>>,
+    lambda: Wide<R, N>,
+    two_mu: Wide<R, N>,
+) -> Mat3<Wide<R, N>> {
     let (f, r) = (F.0, rot.0);
     let trace = (f[0][0] * r[0][0] + f[0][1] * r[0][1] + f[0][2] * r[0][2])
         + (f[1][0] * r[1][0] + f[1][1] * r[1][1] + f[1][2] * r[1][2])

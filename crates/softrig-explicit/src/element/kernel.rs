@@ -1,9 +1,9 @@
-//! The forces of the cells of one part, four at a time.
+//! The forces of the cells of one part, four or eight at a time.
 #![allow(non_snake_case, reason = "symbols of the continuum mechanics literature")]
 
 use super::follow::{Rotations, warped_stress};
 use super::{Cells, Group};
-use crate::lanes::{LANES, Quad, corner, gather, scatter, whole};
+use crate::lanes::{corner, gather, scatter, whole};
 use softrig::force::polar::rotation;
 use softrig_linalg::{Kernel, Lane, Mat3, Scalar, Vec3, Wide};
 
@@ -19,13 +19,13 @@ pub(super) struct Input<'a, R> {
 
 /// Σ d_a g_aᵀ over corners 1, 2, 3.
 #[inline(always)]
-fn gradient_of<R: Scalar>(d: [Vec3<Quad<R>>; 3], g: &[[[R; LANES]; 3]; 3]) -> Mat3<Quad<R>> {
+fn gradient_of<R: Scalar, const N: usize>(d: [Vec3<Wide<R, N>>; 3], g: &[[[R; N]; 3]; 3]) -> Mat3<Wide<R, N>> {
     let g = shape(g);
     d[0].outer(g[0]) + d[1].outer(g[1]) + d[2].outer(g[2])
 }
 
 #[inline(always)]
-fn shape<R: Scalar>(g: &[[[R; LANES]; 3]; 3]) -> [Vec3<Quad<R>>; 3] {
+fn shape<R: Scalar, const N: usize>(g: &[[[R; N]; 3]; 3]) -> [Vec3<Wide<R, N>>; 3] {
     [
         Vec3([Wide(g[0][0]), Wide(g[0][1]), Wide(g[0][2])]),
         Vec3([Wide(g[1][0]), Wide(g[1][1]), Wide(g[1][2])]),
@@ -35,14 +35,14 @@ fn shape<R: Scalar>(g: &[[[R; LANES]; 3]; 3]) -> [Vec3<Quad<R>>; 3] {
 
 /// Differences of the corners to the first.
 #[inline(always)]
-fn edges<R: Scalar>(from: &[[R; 4]], node: &[[u32; LANES]; 4]) -> [Vec3<Quad<R>>; 3] {
+fn edges<R: Scalar, const N: usize>(from: &[[R; 4]], node: &[[u32; N]; 4]) -> [Vec3<Wide<R, N>>; 3] {
     let origin = corner(from, &node[0]);
     [corner(from, &node[1]) - origin, corner(from, &node[2]) - origin, corner(from, &node[3]) - origin]
 }
 
 /// 2 mu E + lam tr(E) I with E the symmetric part of G.
 #[inline(always)]
-fn stress<R: Scalar>(G: Mat3<Quad<R>>, lambda: Quad<R>, two_mu: Quad<R>) -> Mat3<Quad<R>> {
+fn stress<R: Scalar, const N: usize>(G: Mat3<Wide<R, N>>, lambda: Wide<R, N>, two_mu: Wide<R, N>) -> Mat3<Wide<R, N>> {
     let mu = two_mu * Wide::constant(0.5);
     let g = G.0;
     let t = lambda * (g[0][0] + g[1][1] + g[2][2]);
@@ -51,7 +51,7 @@ fn stress<R: Scalar>(G: Mat3<Quad<R>>, lambda: Quad<R>, two_mu: Quad<R>) -> Mat3
 }
 
 #[inline(always)]
-fn scatter_all<R: Scalar>(P: Mat3<Quad<R>>, group: &Group<R>, to: &mut [[R; 4]]) {
+fn scatter_all<R: Scalar, const N: usize>(P: Mat3<Wide<R, N>>, group: &Group<R, N>, to: &mut [[R; 4]]) {
     let g = shape(&group.gradient);
     let f = [P * g[0], P * g[1], P * g[2]];
     scatter(-(f[0] + f[1] + f[2]), &group.node[0], to);
@@ -68,14 +68,14 @@ fn write<R: Scalar>(f: &[[R; 4]], out: &mut [[R; 3]]) {
 }
 
 /// Linear strain, all cells damped alike: one strain of u + b v.
-pub(super) struct Linear<'a, R> {
-    pub cells: &'a mut Cells<R>,
+pub(super) struct Linear<'a, R, const N: usize> {
+    pub cells: &'a mut Cells<R, N>,
     pub input: Input<'a, R>,
     pub factor: R,
     pub out: &'a mut [[R; 3]],
 }
 
-impl<R: Scalar> Kernel for Linear<'_, R> {
+impl<R: Scalar, const N: usize> Kernel for Linear<'_, R, N> {
     type Output = ();
     #[inline(always)]
     fn run<const W: usize>(self) {
@@ -105,13 +105,13 @@ impl<R: Scalar> Kernel for Linear<'_, R> {
 }
 
 /// Linear strain, each cell with its own damping.
-pub(super) struct LinearTwice<'a, R> {
-    pub cells: &'a mut Cells<R>,
+pub(super) struct LinearTwice<'a, R, const N: usize> {
+    pub cells: &'a mut Cells<R, N>,
     pub input: Input<'a, R>,
     pub out: &'a mut [[R; 3]],
 }
 
-impl<R: Scalar> Kernel for LinearTwice<'_, R> {
+impl<R: Scalar, const N: usize> Kernel for LinearTwice<'_, R, N> {
     type Output = ();
     #[inline(always)]
     fn run<const W: usize>(self) {
@@ -136,14 +136,14 @@ impl<R: Scalar> Kernel for LinearTwice<'_, R> {
 }
 
 /// Stiffness warping: rotations and forces in one pass over the cells.
-pub(super) struct Warped<'a, R, Q> {
-    pub cells: &'a mut Cells<R>,
+pub(super) struct Warped<'a, R, Q, const N: usize> {
+    pub cells: &'a mut Cells<R, N>,
     pub input: Input<'a, R>,
     pub rotations: Q,
     pub out: &'a mut [[R; 3]],
 }
 
-impl<R: Scalar, Q: Rotations> Kernel for Warped<'_, R, Q> {
+impl<R: Scalar, Q: Rotations, const N: usize> Kernel for Warped<'_, R, Q, N> {
     type Output = ();
     #[inline(always)]
     fn run<const W: usize>(self) {
@@ -161,9 +161,9 @@ impl<R: Scalar, Q: Rotations> Kernel for Warped<'_, R, Q> {
 }
 
 /// The same with damping, along the turned axes.
-pub(super) struct WarpedDamped<'a, R, Q>(pub Warped<'a, R, Q>);
+pub(super) struct WarpedDamped<'a, R, Q, const N: usize>(pub Warped<'a, R, Q, N>);
 
-impl<R: Scalar, Q: Rotations> Kernel for WarpedDamped<'_, R, Q> {
+impl<R: Scalar, Q: Rotations, const N: usize> Kernel for WarpedDamped<'_, R, Q, N> {
     type Output = ();
     #[inline(always)]
     fn run<const W: usize>(self) {
@@ -187,7 +187,11 @@ impl<R: Scalar, Q: Rotations> Kernel for WarpedDamped<'_, R, Q> {
 
 /// The rotation of F, which is stored.
 #[inline(always)]
-fn turned<R: Scalar>(F: Mat3<Quad<R>>, rotations: impl Rotations, stored: &mut [[R; LANES]; 4]) -> Mat3<Quad<R>> {
+fn turned<R: Scalar, const N: usize>(
+    F: Mat3<Wide<R, N>>,
+    rotations: impl Rotations,
+    stored: &mut [[R; N]; 4],
+) -> Mat3<Wide<R, N>> {
     let q = rotations.follow(F, [Wide(stored[0]), Wide(stored[1]), Wide(stored[2]), Wide(stored[3])]);
     for c in 0..4 {
         stored[c] = q[c].0;

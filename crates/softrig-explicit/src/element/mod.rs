@@ -2,14 +2,13 @@
 //!
 //! Linear: f_a = V (2 mu E + lam tr(E) I) g_a with the strain E of u + ζ v. Warped [Mueller2004], [Tang2009 §4.2]:
 //! f_a = V R (2 mu (S - I) + lam tr(S - I) I) g_a with R the rotation of the cell; eq. 10 of [Tang2009] turns single matrix
-//! entries at a vertex, here whole cells are turned. Four cells at once, their corners transposed into lanes; forces are added to
+//! entries at a vertex, here whole cells are turned. Four or eight cells at once, their corners transposed into lanes; forces are added to
 //! the nodes in the order of the cells.
 //! Terms: g_a shape gradients [1/m]; V volume; lam, mu Lamé constants; q quaternion of R; sign of f_int.
 mod follow;
 mod kernel;
 mod model;
 
-use crate::lanes::LANES;
 use crate::part::{self, Part};
 use follow::{Exactly, OneStep, Rotations};
 use kernel::{Input, Linear, LinearTwice, Warped, WarpedDamped};
@@ -38,14 +37,14 @@ pub enum ElementError {
 }
 
 /// Linear or warped elasticity of tetrahedra, cell by cell.
-pub struct ElementWise<R> {
+pub struct ElementWise<R, const N: usize = 4> {
     /// Rotations are found to rounding in every `refresh`th force only [-]; in the forces between they follow by one step of the
     /// same iteration, which leaves an error of the order θ³ where a cell has turned by θ since the force before. Default 1: always.
     pub refresh: u32,
     /// Forces since rotations were found to rounding.
     calls: u32,
     warping: Warping,
-    parts: Vec<Cells<R>>,
+    parts: Vec<Cells<R, N>>,
     rest: Vec<[R; 3]>,
     /// b where all cells have the same.
     damping: R,
@@ -63,36 +62,46 @@ struct Constants {
     damping: f64,
 }
 
-/// Four cells of a part; the last group repeats its last cell without stiffness.
+/// `N` cells of a part; the last group repeats its last cell without stiffness.
 #[derive(Clone)]
-struct Group<R> {
-    node: [[u32; LANES]; 4],
-    gradient: [[[R; LANES]; 3]; 3],
+struct Group<R, const N: usize> {
+    node: [[u32; N]; 4],
+    gradient: [[[R; N]; 3]; 3],
     /// V lam, 2 V mu, b.
-    lambda: [R; LANES],
-    mu: [R; LANES],
-    damping: [R; LANES],
+    lambda: [R; N],
+    mu: [R; N],
+    damping: [R; N],
 }
 
-struct Cells<R> {
+struct Cells<R, const N: usize> {
     part: Part,
     rest: Vec<[R; 3]>,
-    groups: Vec<Group<R>>,
-    q: Vec<[[R; LANES]; 4]>,
-    saved: Vec<[[R; LANES]; 4]>,
+    groups: Vec<Group<R, N>>,
+    q: Vec<[[R; N]; 4]>,
+    saved: Vec<[[R; N]; 4]>,
     /// Cell of the mesh behind each lane; `u32::MAX` for fillers.
-    cell: Vec<[u32; LANES]>,
+    cell: Vec<[u32; N]>,
     u: Vec<[R; 4]>,
     v: Vec<[R; 4]>,
     f: Vec<[R; 4]>,
 }
 
 impl<R: Scalar> ElementWise<R> {
-    /// The evaluation of a mesh that [`softrig::body::Body::new`] accepts.
+    /// The evaluation of a mesh that [`softrig::body::Body::new`] accepts, four cells at a time.
     ///
     /// # Errors
     /// [`ElementError`] when there are hexahedra.
     pub fn new(mesh: &VolumeMesh, materials: &MaterialMap, warping: Warping) -> Result<Self, ElementError> {
+        Self::side_by_side(mesh, materials, warping)
+    }
+}
+
+impl<R: Scalar, const N: usize> ElementWise<R, N> {
+    /// As [`Self::new`], `N` cells at a time, 4 or 8: eight of f32 are as wide as four of f64.
+    ///
+    /// # Errors
+    /// [`ElementError`] when there are hexahedra.
+    pub fn side_by_side(mesh: &VolumeMesh, materials: &MaterialMap, warping: Warping) -> Result<Self, ElementError> {
         if !mesh.hexes.is_empty() {
             return Err(ElementError::Hexahedra(mesh.hexes.len()));
         }
@@ -127,7 +136,7 @@ impl<R: Scalar> ElementWise<R> {
                     f: vec![[R::zero(); 4]; part.len()],
                     part,
                 };
-                for four in cells.chunks(LANES) {
+                for four in cells.chunks(N) {
                     out.push(four, &mesh.tets, &constants);
                 }
                 out.saved = out.q.clone();
@@ -180,7 +189,7 @@ impl<R: Scalar> ElementWise<R> {
         let mut out = vec![[R::zero(); 4]; self.nodes.len()];
         for cells in &self.parts {
             for (cell, q) in cells.cell.iter().zip(&cells.q) {
-                for l in (0..LANES).filter(|l| cell[*l] != u32::MAX) {
+                for l in (0..N).filter(|l| cell[*l] != u32::MAX) {
                     out[cell[l] as usize] = q.map(|c| c[l]);
                 }
             }
@@ -189,8 +198,8 @@ impl<R: Scalar> ElementWise<R> {
     }
 }
 
-fn warp<R: Scalar>(
-    cells: &mut Cells<R>,
+fn warp<R: Scalar, const N: usize>(
+    cells: &mut Cells<R, N>,
     input: Input<'_, R>,
     rotations: impl Rotations,
     damped: bool,
@@ -200,7 +209,7 @@ fn warp<R: Scalar>(
     if damped { run_wide::<R, _>(WarpedDamped(work)) } else { run_wide::<R, _>(work) }
 }
 
-impl<R: Scalar> Cells<R> {
+impl<R: Scalar, const N: usize> Cells<R, N> {
     fn push(&mut self, four: &[u32], tets: &[[u32; 4]], constants: &[Constants]) {
         let at = |l: usize| four[l.min(four.len() - 1)] as usize;
         let full = |l: usize| l < four.len();
@@ -217,7 +226,7 @@ impl<R: Scalar> Cells<R> {
             mu: stiff(&|c| 2.0 * c.mu),
             damping: fill(&|c| c.damping),
         });
-        self.q.push([[R::zero(); LANES], [R::zero(); LANES], [R::zero(); LANES], [R::one(); LANES]]);
+        self.q.push([[R::zero(); N], [R::zero(); N], [R::zero(); N], [R::one(); N]]);
         self.cell.push(std::array::from_fn(|l| if full(l) { four[l] } else { u32::MAX }));
     }
 }

@@ -4,13 +4,12 @@
 use super::follow::Still;
 use super::kernel::{Input, LinearTwice};
 use super::{ElementWise, Warping, warp};
-use crate::lanes::LANES;
 use crate::part;
 use softrig::force::polar::{rotation, symmetric};
 use softrig::force::{ForceModel, Increment};
 use softrig_linalg::{BlockCsr, Mat3, Scalar, Vec3, run_wide};
 
-impl<R: Scalar> ForceModel<R> for ElementWise<R> {
+impl<R: Scalar, const N: usize> ForceModel<R> for ElementWise<R, N> {
     /// Rotations follow with the next force.
     fn linearise(&mut self, position: &[[R; 3]]) {
         self.linearised.copy_from_slice(position);
@@ -33,8 +32,8 @@ impl<R: Scalar> ForceModel<R> for ElementWise<R> {
                     |c| c.part.own.clone(),
                     out,
                     |cells, out| {
-                        let own: Vec<[R; LANES]> = cells.groups.iter().map(|g| g.damping).collect();
-                        cells.groups.iter_mut().for_each(|g| g.damping = [R::one(); LANES]);
+                        let own: Vec<[R; N]> = cells.groups.iter().map(|g| g.damping).collect();
+                        cells.groups.iter_mut().for_each(|g| g.damping = [R::one(); N]);
                         if warped {
                             warp(cells, input, Still, true, out);
                         } else {
@@ -100,7 +99,7 @@ impl<R: Scalar> ForceModel<R> for ElementWise<R> {
         for cells in &mut self.parts {
             for (cell, q) in cells.cell.iter().zip(&mut cells.q) {
                 let known = cell.iter().rev().find(|c| **c != u32::MAX).copied().unwrap_or(0);
-                for l in 0..LANES {
+                for l in 0..N {
                     let c = if cell[l] == u32::MAX { known } else { cell[l] };
                     let value = if history.len() == self.nodes.len() { history[c as usize] } else { cold };
                     (0..4).for_each(|k| q[k][l] = value[k]);
@@ -110,7 +109,7 @@ impl<R: Scalar> ForceModel<R> for ElementWise<R> {
     }
 }
 
-impl<R: Scalar> ElementWise<R> {
+impl<R: Scalar, const N: usize> ElementWise<R, N> {
     /// Elastic energy with the rotations of the last force [J].
     fn energy(&self, position: &[[R; 3]]) -> f64 {
         let warped = self.warping == Warping::Stiffness;
