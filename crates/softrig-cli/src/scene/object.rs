@@ -62,7 +62,8 @@ pub enum ConstraintKind {
     Surface,
 }
 
-/// A constraint on nodes of objects, with its times. A node may be in one at a time only.
+/// A constraint on nodes of objects, with its times. A node may be in one at a time only; with the method `implicit` in as many as can be met
+/// together.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct SceneConstraint {

@@ -72,6 +72,27 @@ pub enum ConstraintError {
         /// Its number.
         second: u32,
     },
+    /// Constraints that are eliminated together have no solution.
+    #[error("{names} contradict one another by {by:.3e} m; switch one of them off, or move its goal")]
+    Contradiction {
+        /// Kinds and numbers of all of them.
+        names: String,
+        /// How far they are from having one [m].
+        by: f64,
+    },
+    /// Constraints cannot be eliminated.
+    #[error(transparent)]
+    Link(#[from] softrig::constraint::LinkError),
+    /// A share of a force is no linear condition.
+    #[error(
+        "unsupported: {kind} {id} is eliminated, which has no force of which a part could act; use `approach` instead of `ramp`"
+    )]
+    ForceRamp {
+        /// Kind of the constraint.
+        kind: &'static str,
+        /// Its number.
+        id: u32,
+    },
     /// None of the nodes of a constraint can be moved.
     #[error("{kind} {id}: none of its nodes has mass, so no force can meet it")]
     Immovable {

@@ -4,8 +4,12 @@
 //! result x^ of the step follows the force that was missing, and x^ + c F meets the constraint to rounding, whatever scheme made
 //! x^. Forces of one constraint sum to zero (but for nails), so momentum is kept. A node may be in one active constraint only:
 //! then no constraint undoes another. Two that share a node are an error with both names.
+//!
+//! Implicit steps of finite elements eliminate constraints instead ([`Constraints::eliminated`], [`softrig::integrate::Linked`]): the step
+//! knows of them, and nodes may be in as many as can be met together.
 
 mod error;
+mod links;
 mod ramp;
 mod set;
 mod solve;

@@ -145,4 +145,15 @@ impl Slot {
         let rest = 1.0 - s * s * (3.0 - 2.0 * s);
         Some(gap.map(|g| g * rest))
     }
+
+    /// How fast that changes then, for steps of `dt` [m/s].
+    pub(super) fn closing(&self, k: usize, dt: f64) -> Option<[f64; 3]> {
+        let (steps, done) = self.ramp;
+        if done + 1 >= steps {
+            return None;
+        }
+        let gap = self.gap.as_ref()?.get(k)?;
+        let s = f64::from(done + 1) / f64::from(steps);
+        Some(gap.map(|g| -6.0 * s * (1.0 - s) * g / (f64::from(steps) * dt)))
+    }
 }

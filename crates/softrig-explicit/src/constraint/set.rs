@@ -4,6 +4,7 @@ use super::work::{Carried, Work};
 use super::{Constraint, ConstraintError, ConstraintId, Surface, SurfaceId};
 use crate::scheme::Scheme;
 use rayon::prelude::*;
+use softrig::constraint::Link;
 use softrig::integrate::State;
 use softrig_linalg::Scalar;
 
@@ -24,6 +25,14 @@ pub(super) struct Slot {
     pub(super) ramp: (u32, u32),
     /// Gaps when the ramp began, if it closes them evenly; empty before that.
     pub(super) gap: Option<Vec<[f64; 3]>>,
+    /// Velocity of a goal that moves [m/s].
+    pub(super) rate: [f64; 3],
+}
+
+impl Slot {
+    fn new(constraint: Constraint, active: bool) -> Self {
+        Self { constraint, active, ramp: (0, 0), gap: None, rate: [0.0; 3] }
+    }
 }
 
 /// Constraints on the nodes of one body (or of several that are stepped together).
@@ -39,6 +48,8 @@ pub struct Constraints {
     pub(super) force: Vec<[f64; 3]>,
     /// Nodes of the carriers that slides took in the last step: their forces are to be cleared.
     slid: Vec<u32>,
+    /// How many constraints that are eliminated hold each node, which may be several; empty where forces meet all of them.
+    shared: Vec<u32>,
 }
 
 /// The active constraints, one flat list per kind.
@@ -53,6 +64,8 @@ pub(super) struct Plan {
     pub(super) groups: Vec<(u32, Vec<u32>)>,
     pub(super) carried: Vec<Carried>,
     slides: Vec<(u32, u32, u32)>,
+    /// What is eliminated; the label is the number of the constraint.
+    pub(super) links: Vec<Link>,
     /// Some constraint has not reached its whole force.
     pub(super) ramps: bool,
 }
@@ -70,7 +83,14 @@ impl Constraints {
             stale: false,
             force: vec![[0.0; 3]; node_count],
             slid: Vec::new(),
+            shared: Vec::new(),
         }
+    }
+
+    /// No constraints, for a body whose implicit steps eliminate them: nodes may be in several, if these can all be met.
+    #[must_use]
+    pub fn eliminated(node_count: usize) -> Self {
+        Self { shared: vec![0; node_count], ..Self::new(node_count) }
     }
 
     /// Adds a surface for nodes to slide on.
@@ -90,7 +110,7 @@ impl Constraints {
         let id = self.slots.len() as u32;
         self.check(id, &constraint)?;
         self.claim(id, &constraint)?;
-        self.slots.push(Some(Slot { constraint, active: true, ramp: (0, 0), gap: None }));
+        self.slots.push(Some(Slot::new(constraint, true)));
         self.stale = true;
         Ok(ConstraintId(id))
     }
@@ -102,7 +122,7 @@ impl Constraints {
     pub fn add_inactive(&mut self, constraint: Constraint) -> Result<ConstraintId, ConstraintError> {
         let id = self.slots.len() as u32;
         self.check(id, &constraint)?;
-        self.slots.push(Some(Slot { constraint, active: false, ramp: (0, 0), gap: None }));
+        self.slots.push(Some(Slot::new(constraint, false)));
         Ok(ConstraintId(id))
     }
 
@@ -129,10 +149,11 @@ impl Constraints {
         if active {
             self.claim(id.0, &constraint)?;
         } else {
-            constraint.nodes().iter().for_each(|n| self.holder[*n as usize] = 0);
+            self.release(id.0, &constraint);
         }
         let slot = self.slots[id.0 as usize].as_mut().expect("it was found above");
         slot.active = active;
+        slot.rate = [0.0; 3];
         slot.ramp.1 = 0;
         if let Some(gap) = &mut slot.gap {
             gap.clear();
@@ -155,6 +176,7 @@ impl Constraints {
             return Err(ConstraintError::NoGoal { kind, id: id.0 });
         };
         *goal = to;
+        slot.rate = [0.0; 3];
         // lists are in the order of the numbers
         for list in [&mut self.plan.nails, &mut self.plan.velocities] {
             if let Ok(at) = list.binary_search_by_key(&id.0, |l| l.0) {
@@ -245,14 +267,45 @@ impl Constraints {
 
     fn claim(&mut self, id: u32, constraint: &Constraint) -> Result<(), ConstraintError> {
         let nodes = constraint.nodes();
+        let eliminated = self.eliminates(constraint);
         for &node in &nodes {
             let holder = self.holder[node as usize];
-            if holder != 0 {
+            if holder != 0 && !(eliminated && self.shared[node as usize] > 0) {
                 return Err(self.conflict(node, holder - 1, constraint.kind(), id));
             }
         }
-        nodes.iter().for_each(|n| self.holder[*n as usize] = id + 1);
+        for n in nodes {
+            self.holder[n as usize] = id + 1;
+            if eliminated {
+                self.shared[n as usize] += 1;
+            }
+        }
         Ok(())
+    }
+
+    fn release(&mut self, id: u32, constraint: &Constraint) {
+        let eliminated = self.eliminates(constraint);
+        for n in constraint.nodes() {
+            if eliminated {
+                self.shared[n as usize] -= 1;
+            }
+            if !eliminated || self.shared[n as usize] == 0 {
+                self.holder[n as usize] = 0;
+            } else if self.holder[n as usize] == id + 1 {
+                // another that is still there
+                let holds = |(i, s): (usize, &Option<Slot>)| {
+                    let s = s.as_ref()?;
+                    (i as u32 != id && s.active && s.constraint.nodes().contains(&n)).then_some(i as u32 + 1)
+                };
+                self.holder[n as usize] = self.slots.iter().enumerate().find_map(holds).unwrap_or(0);
+            }
+        }
+    }
+
+    /// Whether a constraint is met by elimination.
+    fn eliminates(&self, constraint: &Constraint) -> bool {
+        let local = matches!(constraint, Constraint::Velocity { .. } | Constraint::PointToSurface { .. });
+        !self.shared.is_empty() && !local
     }
 
     fn conflict(&self, node: u32, first: u32, second_kind: &'static str, second: u32) -> ConstraintError {
@@ -260,7 +313,17 @@ impl Constraints {
         ConstraintError::Conflict { node, first_kind, first, second_kind, second }
     }
 
-    fn replan(&mut self) {
+    /// Whether constraints were switched since the last call of [`Self::enforce`] or [`Self::links`].
+    pub(crate) fn is_stale(&self) -> bool {
+        self.stale
+    }
+
+    /// Whether some are met by forces after the step.
+    pub(crate) fn has_local(&self) -> bool {
+        !(self.plan.slides.is_empty() && self.plan.velocities.is_empty())
+    }
+
+    pub(super) fn replan(&mut self) {
         let plan = &mut self.plan;
         *plan = Plan { near: vec![Vec::new(); self.node_count.div_ceil(STRETCH)], ..Plan::default() };
         for (id, slot) in self.slots.iter().enumerate().filter_map(|(i, s)| Some((i as u32, s.as_ref()?))) {
@@ -268,6 +331,9 @@ impl Constraints {
                 continue;
             }
             plan.ramps |= slot.ramp.1 < slot.ramp.0;
+            if !self.shared.is_empty() && slot.constraint.links(id, &mut plan.links) {
+                continue;
+            }
             let mut carried = |node: u32, carriers: &[u32], weights: &[f64]| {
                 let mut c = Carried { id, node, count: carriers.len() as u32, carriers: [node; 4], weights: [0.0; 4] };
                 c.carriers[..carriers.len()].copy_from_slice(carriers);

@@ -1,13 +1,19 @@
 //! Bodies without bones under constraints that come, go and move while time passes.
 
+mod engine;
+
+pub use engine::Implicit;
+
+use crate::awake;
 use crate::clustered::Clustered;
 use crate::constraint::{Constraint, ConstraintError, ConstraintId, Constraints, Progress, SurfaceId};
 use crate::elastic::ElasticLaw;
 use crate::element::ElementWise;
 use crate::mass_point::MassPoints;
+use crate::part;
 use crate::scheme::Scheme;
 use crate::stepper::{ForceLaw, Stepper, StepperError, TooLong};
-use softrig::force::ForceModel;
+use engine::Engine;
 use softrig::integrate::State;
 use softrig::simulation::{Key, along};
 
@@ -70,8 +76,7 @@ pub struct ObjectSettings {
 pub struct Objects {
     /// Motion of the nodes.
     pub state: State<f64>,
-    law: Law,
-    stepper: Stepper<f64>,
+    engine: Engine,
     set: Constraints,
     entries: Vec<Entry>,
     settings: ObjectSettings,
@@ -97,7 +102,24 @@ impl Objects {
         stepper.too_long = settings.too_long;
         let set = Constraints::new(rest.len());
         let state = State::at_rest(rest);
-        Ok(Self { state, law, stepper, set, entries: Vec::new(), settings, next_switch: f64::NEG_INFINITY })
+        let engine = Engine::Local { law, stepper };
+        Ok(Self { state, engine, set, entries: Vec::new(), settings, next_switch: f64::NEG_INFINITY })
+    }
+
+    /// Bodies at rest that are stepped implicitly and whose constraints are eliminated; `longest_step` in s.
+    #[must_use]
+    pub fn implicit(implicit: Implicit, longest_step: f64) -> Self {
+        let rest = implicit.body.mesh.nodes.clone();
+        let settings =
+            ObjectSettings { scheme: Scheme::ImplicitEuler, too_long: TooLong::Substep, longest_step, drag: 0.0 };
+        Self {
+            set: Constraints::eliminated(rest.len()),
+            state: State::at_rest(rest),
+            engine: Engine::Implicit(Box::new(implicit)),
+            entries: Vec::new(),
+            settings,
+            next_switch: f64::NEG_INFINITY,
+        }
     }
 
     /// Adds a surface for nodes to slide on.
@@ -137,7 +159,7 @@ impl Objects {
     /// Longest step that is taken in one piece [s].
     #[must_use]
     pub fn limit(&self) -> f64 {
-        self.stepper.limit().min(self.settings.longest_step)
+        self.engine.limit().min(self.settings.longest_step)
     }
 
     /// Advances to `time` [s] in equal steps; returns how many.
@@ -149,8 +171,8 @@ impl Objects {
         if !(dt > 0.0 && dt.is_finite()) {
             return Err(StepperError::BadStep(dt));
         }
-        let (limit, longest) = (self.stepper.limit(), self.settings.longest_step.min(dt));
-        let scheme = self.settings.scheme.name();
+        let (limit, longest) = (self.engine.limit(), self.settings.longest_step.min(dt));
+        let scheme = self.engine.scheme(&self.settings);
         let steps = (dt / longest.min(limit) - HAIR).ceil().max(1.0);
         // as many as a frame of a scene may have
         if steps.is_nan() || steps > 1e6 {
@@ -165,10 +187,16 @@ impl Objects {
             });
         }
         let (begin, h) = (self.state.time, dt / steps);
-        for k in 0..steps as usize {
-            self.switch(begin + k as f64 * h, h)?;
-            self.stepper.step(&mut self.law, Some(&mut self.set), &mut self.state, h)?;
-        }
+        let many = self.state.position.len() > part::PART;
+        let mut run = || -> Result<(), StepperError> {
+            for k in 0..steps as usize {
+                self.switch(begin + k as f64 * h, h)?;
+                self.engine.step(&mut self.set, &mut self.state, h)?;
+            }
+            Ok(())
+        };
+        // small bodies have one part
+        if many { awake(run) } else { run() }?;
         self.state.time = time;
         Ok(steps as usize)
     }
@@ -196,8 +224,9 @@ impl Objects {
             }
         }
         for e in self.entries.iter().filter(|e| !e.timed.path.is_empty()) {
-            if let (Some(goal), Some((by, _))) = (e.goal, along(&e.timed.path, now + h)) {
+            if let (Some(goal), Some((by, rate))) = (e.goal, along(&e.timed.path, now + h)) {
                 self.set.set_goal(e.id, std::array::from_fn(|k| goal[k] + by[k]))?;
+                self.set.set_rate(e.id, rate)?;
             }
         }
         Ok(())
@@ -215,16 +244,14 @@ impl Objects {
             out.extend([f64::from(u8::from(p.active)), f64::from(p.steps), f64::from(p.done), gaps]);
             out.extend(p.gap.iter().flatten().flatten());
         }
-        if let Law::Cells(law) = &self.law {
-            out.extend(law.internal.history().iter().flatten());
-        }
+        out.extend(self.engine.history().iter().flatten());
         out
     }
 
     /// Puts a snapshot back; `false` when it is of other bodies, and nothing has changed then.
     pub fn restore(&mut self, snapshot: &[f64]) -> bool {
         let n = self.state.position.len();
-        let cells = if let Law::Cells(law) = &self.law { law.internal.history().len() } else { 0 };
+        let cells = self.engine.history().len();
         let Some((motion, mut rest)) = snapshot.split_at_checked(1 + 9 * n) else { return false };
         let list = |k: usize| motion[1 + 3 * n * k..1 + 3 * n * (k + 1)].as_chunks::<3>().0.to_vec();
         let mut set = self.set.clone();
@@ -249,9 +276,7 @@ impl Objects {
         }
         self.set = set;
         self.state = State { time: motion[0], position: list(0), velocity: list(1), acceleration: list(2) };
-        if let Law::Cells(law) = &mut self.law {
-            law.internal.restore(rest.as_chunks::<4>().0);
-        }
+        self.engine.restore(rest.as_chunks::<4>().0, &mut self.set, motion[0]);
         self.next_switch = f64::NEG_INFINITY;
         true
     }

@@ -10,7 +10,7 @@ use crate::constraint::{ConstraintError, Constraints};
 use crate::scheme::Scheme;
 use crate::stability::{Spectrum, spectrum};
 use rayon::prelude::*;
-use softrig::integrate::State;
+use softrig::integrate::{State, StepError};
 use softrig_linalg::Scalar;
 
 /// Nodes per task of the loops over nodes.
@@ -99,6 +99,9 @@ pub enum StepperError {
         /// Newton iterations done.
         iterations: usize,
     },
+    /// A step of the implicit core failed.
+    #[error(transparent)]
+    Implicit(StepError),
     /// A constraint cannot be met.
     #[error(transparent)]
     Constraint(#[from] ConstraintError),

@@ -5,6 +5,8 @@ mod constraint;
 mod elastic;
 #[allow(non_snake_case, reason = "symbols of [Gissler2006]")]
 mod gissler;
+#[allow(non_snake_case, reason = "symbols of linear algebra")]
+mod linked;
 mod mass_point;
 mod modal;
 mod order;

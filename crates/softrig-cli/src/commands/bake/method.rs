@@ -4,7 +4,7 @@ use crate::args::{BakeArgs, MethodName};
 use crate::failure::{Failure, Outcome};
 use crate::scene::Scene;
 use softrig::material::MaterialMap;
-use softrig::simulation::{Simulation, SimulationSettings};
+use softrig::simulation::{Simulation, SimulationSettings, SolverKind};
 use softrig_explicit::method::{Method, Stepping};
 use softrig_linalg::Scalar;
 
@@ -52,7 +52,13 @@ pub fn check_sides(scene: &Scene, args: &BakeArgs) -> Outcome {
 
 /// Linear solver, for the report.
 pub fn solver(scene: &Scene, settings: &SimulationSettings) -> &'static str {
-    if scene.simulation.method == MethodName::Implicit { settings.solver.name() } else { "none" }
+    match (scene.simulation.method, settings.solver) {
+        (MethodName::Implicit, SolverKind::Direct) => SolverKind::Direct.name(),
+        // systems without dependent nodes have no grids
+        (MethodName::Implicit, _) if scene.has_objects() => SolverKind::Pcg.name(),
+        (MethodName::Implicit, kind) => kind.name(),
+        _ => "none",
+    }
 }
 
 /// How time passes, for the report.

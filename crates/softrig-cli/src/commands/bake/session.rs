@@ -215,7 +215,7 @@ fn bake<R: Scalar>(
 fn subject<R: Scalar>(job: &Job<'_>, materials: &MaterialMap) -> Result<(Box<dyn Subject>, Vec<String>), Failure> {
     let (scene, prepared) = (job.scene, job.prepared);
     if scene.has_objects() {
-        return Ok((Box::new(Things::new(scene, materials)?), Vec::new()));
+        return Ok((Box::new(Things::new(scene, materials, &prepared.settings)?), Vec::new()));
     }
     let mut simulation = Simulation::<R>::new(
         &prepared.character,

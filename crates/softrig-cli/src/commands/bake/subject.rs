@@ -9,17 +9,18 @@ use crate::scene::Scene;
 use softrig::body::Body;
 use softrig::force::ElasticModel;
 use softrig::frame::{Frame, FrameSink};
-use softrig::integrate::{State, StepError};
+use softrig::integrate::{Linked, State, StepError};
 use softrig::material::MaterialMap;
 use softrig::rig::{JointId, Pose};
-use softrig::simulation::{Checkpoint, FrameReport, Motion, Simulation};
+use softrig::simulation::{Checkpoint, FrameReport, Motion, Simulation, SimulationSettings, SolverKind};
 use softrig_explicit::clustered::Clustered;
 use softrig_explicit::elastic::ElasticLaw;
 use softrig_explicit::element::{ElementWise, Warping};
 use softrig_explicit::mass_point::{Energies, MassPoints};
-use softrig_explicit::objects::{Law, ObjectSettings, Objects};
+use softrig_explicit::objects::{Implicit, Law, ObjectSettings, Objects};
 use softrig_io::journal::JournalWriter;
-use softrig_linalg::{DofConstraints, Scalar};
+use softrig_linalg::solver::{Direct, Pcg};
+use softrig_linalg::{DofConstraints, LinearSolver, Scalar};
 
 /// Something with frames.
 pub trait Subject {
@@ -117,6 +118,9 @@ impl<R: Scalar> Subject for Flesh<R> {
     }
 }
 
+/// Why energies of points are refused for finite elements.
+const ENERGIES: &str = "`energies` are those of the method `mass-points`; leave one of them out";
+
 /// Objects, and what of them is seen.
 pub struct Things {
     objects: Objects,
@@ -124,6 +128,8 @@ pub struct Things {
     surface: Vec<Vec<u32>>,
     skin: Vec<Vec<[f64; 3]>>,
     pose: Pose,
+    /// Its steps are none of explicit methods.
+    implicit: bool,
 }
 
 impl Things {
@@ -131,20 +137,56 @@ impl Things {
     ///
     /// # Errors
     /// [`Failure::Input`] says what does not fit.
-    pub fn new(scene: &Scene, materials: &MaterialMap) -> Result<Self, Failure> {
+    pub fn new(scene: &Scene, materials: &MaterialMap, settings: &SimulationSettings) -> Result<Self, Failure> {
         let layout = Layout::new(scene);
+        let implicit = scene.simulation.method == MethodName::Implicit;
+        let mut objects = if implicit {
+            Self::implicit(scene, &layout, materials, settings)?
+        } else {
+            Self::local(scene, &layout, materials)?
+        };
+        objects::constrain(scene, &layout, &mut objects)?;
+        let surface = objects::surface_nodes(scene, &layout);
+        let skin = surface.iter().map(|list| vec![[0.0; 3]; list.len()]).collect();
+        Ok(Self { objects, surface, skin, pose: Pose::default(), implicit })
+    }
+
+    fn body(layout: &Layout, materials: &MaterialMap, model: ElasticModel) -> Result<Body<f64>, Failure> {
+        let free = DofConstraints::none(layout.mesh.node_count());
+        Body::new(layout.mesh.clone(), materials, model, free).map_err(|e| Failure::Input(e.to_string()))
+    }
+
+    /// Finite elements in implicit steps, constraints eliminated.
+    fn implicit(
+        scene: &Scene,
+        layout: &Layout,
+        materials: &MaterialMap,
+        settings: &SimulationSettings,
+    ) -> Result<Objects, Failure> {
+        if scene.energies.is_some() {
+            return Err(Failure::Input(ENERGIES.into()));
+        }
+        let body = Self::body(layout, materials, ElasticModel::Corotated)?;
+        let solver: Box<dyn LinearSolver<f64>> =
+            if settings.solver == SolverKind::Direct { Box::new(Direct::new()) } else { Box::new(Pcg::new()) };
+        let implicit = Implicit {
+            external: body.weight(settings.gravity),
+            body,
+            method: Linked::new(settings.dynamics.method()),
+            solver,
+            tolerance: settings.tolerance,
+        };
+        Ok(Objects::implicit(implicit, settings.longest_step))
+    }
+
+    /// Steps with constraint forces after them.
+    fn local(scene: &Scene, layout: &Layout, materials: &MaterialMap) -> Result<Objects, Failure> {
         let failed = |e: &dyn std::fmt::Display| Failure::Input(e.to_string());
         let s = &scene.simulation;
         let material = scene.material.material();
-        let mut body = Body::<f64>::new(
-            layout.mesh.clone(),
-            materials,
-            ElasticModel::Linear,
-            DofConstraints::none(layout.mesh.node_count()),
-        )
-        .map_err(|e| failed(&e))?;
+        let mut body = Self::body(layout, materials, ElasticModel::Linear)?;
         let (weight, drag) = (body.weight(s.gravity), body.drag.clone());
-        let mut scheme = s.scheme.into();
+        let scheme = s.scheme.into();
         let law = match s.method {
             MethodName::MassPoints => {
                 let mut energies = Energies::of_material(&material, &layout.mesh);
@@ -162,9 +204,6 @@ impl Things {
                 Law::MassPoints(points)
             }
             MethodName::Elements | MethodName::Implicit => {
-                if s.method == MethodName::Implicit {
-                    scheme = softrig_explicit::scheme::Scheme::ImplicitEuler;
-                }
                 let internal = ElementWise::new(&layout.mesh, materials, Warping::Stiffness).map_err(|e| failed(&e))?;
                 Law::Cells(ElasticLaw { internal, external: weight, drag })
             }
@@ -178,9 +217,7 @@ impl Things {
             }
         };
         if scene.energies.is_some() && s.method != MethodName::MassPoints {
-            return Err(Failure::Input(
-                "`energies` are those of the method `mass-points`; leave one of them out".into(),
-            ));
+            return Err(Failure::Input(ENERGIES.into()));
         }
         let settings = ObjectSettings {
             scheme,
@@ -188,11 +225,7 @@ impl Things {
             longest_step: s.step.unwrap_or(1.0 / 60.0),
             drag: material.mass_damping,
         };
-        let mut objects = Objects::new(layout.mesh.nodes.clone(), &body.mass, law, settings).map_err(|e| failed(&e))?;
-        objects::constrain(scene, &layout, &mut objects)?;
-        let surface = objects::surface_nodes(scene, &layout);
-        let skin = surface.iter().map(|list| vec![[0.0; 3]; list.len()]).collect();
-        Ok(Self { objects, surface, skin, pose: Pose::default() })
+        Objects::new(layout.mesh.nodes.clone(), &body.mass, law, settings).map_err(|e| failed(&e))
     }
 
     fn state(&self) -> &State<f64> {
@@ -207,7 +240,11 @@ impl Subject for Things {
 
     fn advance(&mut self, _: &dyn Motion, time: f64) -> Result<FrameReport, String> {
         let steps = self.objects.advance(time).map_err(|e| e.to_string())?;
-        Ok(FrameReport { substeps: steps, explicit_steps: steps, ..FrameReport::default() })
+        Ok(FrameReport {
+            substeps: steps,
+            explicit_steps: if self.implicit { 0 } else { steps },
+            ..FrameReport::default()
+        })
     }
 
     fn record(
