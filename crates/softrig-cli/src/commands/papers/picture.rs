@@ -20,6 +20,9 @@ pub struct Look<'a> {
     pub view: View,
 }
 
+/// Width of the strip for a legend [pixels].
+const LEGEND: u32 = 150;
+
 /// Draws states of one mesh, each with a number on every node, side by side, and writes them.
 pub fn states(
     results: &Results,
@@ -44,9 +47,17 @@ pub fn states(
         let camera = camera.get_or_insert_with(|| Camera::framing(scene.bounds(), look.view, &settings));
         images.push(render(&scene, camera, &settings).map_err(fail)?);
     }
-    let labels: Vec<&str> = states.iter().map(|s| s.0).collect();
+    let mut labels: Vec<&str> = states.iter().map(|s| s.0).collect();
+    let coloured = states.iter().any(|s| s.2.is_some());
+    if coloured {
+        // a strip of background for the legend, which would hide what is behind it
+        let strip = Settings { width: LEGEND, ..settings };
+        let camera = camera.get_or_insert_with(|| Camera::framing(Scene::default().bounds(), look.view, &strip));
+        images.push(render(&Scene::default(), camera, &strip).map_err(fail)?);
+        labels.push("");
+    }
     let mut image = side_by_side(&images, &labels).map_err(fail)?;
-    if states.iter().any(|s| s.2.is_some()) {
+    if coloured {
         legend(&mut image, ColorMap::Amount, look.range, look.title);
     }
     image.write_png(&path).map_err(fail)?;
