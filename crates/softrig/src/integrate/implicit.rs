@@ -81,7 +81,7 @@ pub struct Implicit<R> {
     rhs: Vec<[R; 3]>,
     correction: Vec<[R; 3]>,
     /// Displacements of free nodes that steps begin with; empty: none.
-    pub(super) lead: Vec<[R; 3]>,
+    pub(super) start: Vec<[R; 3]>,
 }
 
 /// What the solver's symbolic work was done for.
@@ -123,7 +123,7 @@ impl<R: Scalar> Implicit<R> {
             inertia: Vec::new(),
             rhs: Vec::new(),
             correction: Vec::new(),
-            lead: Vec::new(),
+            start: Vec::new(),
         }
     }
 
@@ -212,7 +212,7 @@ impl<R: Scalar> Implicit<R> {
         let c = self.scheme.constants(input.dt);
         let n = state.position.len();
         for i in 0..n {
-            self.d[i] = self.lead.get(i).copied().unwrap_or([R::zero(); 3]);
+            self.d[i] = self.start.get(i).copied().unwrap_or([R::zero(); 3]);
             if body.constraints.is_constrained(i) {
                 self.d[i] = [R::zero(); 3];
             }

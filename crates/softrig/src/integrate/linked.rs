@@ -192,7 +192,7 @@ impl<R: Scalar> Integrator<R> for Linked<R> {
         }
         let newmark = matches!(self.method.inner().scheme, Scheme::Newmark { .. });
         if self.links.is_empty() {
-            self.method.inner().lead.clear();
+            self.method.inner().start.clear();
             self.force.clear();
             self.force.resize(n, [R::zero(); 3]);
             if self.fresh && newmark {
@@ -235,7 +235,7 @@ impl<R: Scalar> Integrator<R> for Linked<R> {
                 made.project(body, &rate, &mut state.velocity, time)?;
                 made.project(body, &still, &mut state.acceleration, time)?;
             }
-            self.method.inner().lead = lead;
+            self.method.inner().start = lead;
             self.force.resize(n, [R::zero(); 3]);
             let mut within = Within { inner: solver, reduced: &mut made.reduced, force: &mut self.force };
             self.method.step(body, &mut within, input, state, output)?;
