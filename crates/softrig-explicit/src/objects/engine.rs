@@ -11,8 +11,14 @@ use softrig_linalg::LinearSolver;
 
 /// By forces after the step, or by elimination in it.
 pub(super) enum Engine {
-    Local { law: Law, stepper: Stepper<f64> },
+    Local(Box<Local>),
     Implicit(Box<Implicit>),
+}
+
+/// Steps with forces of constraints after them.
+pub(super) struct Local {
+    pub law: Law,
+    pub stepper: Stepper<f64>,
 }
 
 /// Implicit steps of finite elements that eliminate their constraints.
@@ -33,21 +39,21 @@ impl Engine {
     /// Longest step that is taken in one piece [s].
     pub fn limit(&self) -> f64 {
         match self {
-            Self::Local { stepper, .. } => stepper.limit(),
+            Self::Local(l) => l.stepper.limit(),
             Self::Implicit(_) => f64::INFINITY,
         }
     }
 
     pub fn scheme(&self, settings: &ObjectSettings) -> &'static str {
         match self {
-            Self::Local { .. } => settings.scheme.name(),
+            Self::Local(_) => settings.scheme.name(),
             Self::Implicit(i) => i.method.name(),
         }
     }
 
     pub fn step(&mut self, set: &mut Constraints, state: &mut State<f64>, dt: f64) -> Result<(), StepperError> {
         match self {
-            Self::Local { law, stepper } => stepper.step(law, Some(set), state, dt).map(|_| ()),
+            Self::Local(l) => l.stepper.step(&mut l.law, Some(set), state, dt).map(|_| ()),
             Self::Implicit(i) => {
                 let before = (state.clone(), i.body.model.history());
                 let done = i.step(set, state, dt);
@@ -64,8 +70,10 @@ impl Engine {
     /// What the next step reads of the cells.
     pub fn history(&self) -> Vec<[f64; 4]> {
         match self {
-            Self::Local { law: Law::Cells(law), .. } => law.internal.history().to_vec(),
-            Self::Local { .. } => Vec::new(),
+            Self::Local(l) => match &l.law {
+                Law::Cells(law) => law.internal.history(),
+                _ => Vec::new(),
+            },
             Self::Implicit(i) => i.body.model.history(),
         }
     }
@@ -73,8 +81,11 @@ impl Engine {
     /// Goes on from a state that was reached with these constraints, at `time` [s].
     pub fn restore(&mut self, history: &[[f64; 4]], set: &mut Constraints, time: f64) {
         match self {
-            Self::Local { law: Law::Cells(law), .. } => law.internal.restore(history),
-            Self::Local { .. } => {}
+            Self::Local(l) => {
+                if let Law::Cells(law) = &mut l.law {
+                    law.internal.restore(history);
+                }
+            }
             Self::Implicit(i) => {
                 i.body.model.restore(history);
                 let links = set.links().to_vec();

@@ -13,7 +13,7 @@ use crate::mass_point::MassPoints;
 use crate::part;
 use crate::scheme::Scheme;
 use crate::stepper::{ForceLaw, Stepper, StepperError, TooLong};
-use engine::Engine;
+use engine::{Engine, Local};
 use softrig::integrate::State;
 use softrig::simulation::{Key, along};
 
@@ -102,7 +102,7 @@ impl Objects {
         stepper.too_long = settings.too_long;
         let set = Constraints::new(rest.len());
         let state = State::at_rest(rest);
-        let engine = Engine::Local { law, stepper };
+        let engine = Engine::Local(Box::new(Local { law, stepper }));
         Ok(Self { state, engine, set, entries: Vec::new(), settings, next_switch: f64::NEG_INFINITY })
     }
 

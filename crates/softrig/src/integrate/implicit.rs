@@ -239,7 +239,8 @@ impl<R: Scalar> Implicit<R> {
             if linearisation == 0 {
                 first = norm;
                 // costs as much as an iteration: pays where later linearisations make the digits of the first ones cheap
-                if self.linearisations > 1 {
+                // linked nodes start where their links want them
+                if self.linearisations > 1 && self.start.is_empty() {
                     norm = self.lead(body, &c, input, state, norm);
                 }
             }

@@ -236,6 +236,7 @@ impl<R: Scalar> Integrator<R> for Linked<R> {
                 made.project(body, &still, &mut state.acceleration, time)?;
             }
             self.method.inner().start = lead;
+            self.force.clear();
             self.force.resize(n, [R::zero(); 3]);
             let mut within = Within { inner: solver, reduced: &mut made.reduced, force: &mut self.force };
             self.method.step(body, &mut within, input, state, output)?;
