@@ -103,6 +103,27 @@ fn constraints_come_go_and_move_in_a_scene() {
     }
 }
 
+/// Implicit steps eliminate: a node may be nailed, joined and joined again, and is exactly there; what contradicts is named.
+#[test]
+fn implicit_objects_have_several_constraints_on_a_node() {
+    let dir = folder();
+    let again = "[[constraint]]\nkind = 'join'\nobject = 'lower'\nat = [[0.0, 0.1, 0.0]]\nto = 'upper'\nto_at = [[0.0, 0.0, 0.0]]\n";
+    let nail = "[[constraint]]\nobject = 'lower'\nat = [[0.0, 0.1, 0.0]]\nend = 0.2\n";
+    let text = format!("{}{again}{nail}", CUBES.replace("METHOD", "implicit"));
+    std::fs::write(dir.path().join("cubes.toml"), &text).unwrap();
+    let report = bake(dir.path(), "cubes.toml", "out", &["--frames", "0..6"]);
+    assert_eq!((&report["solver"], &report["explicit_steps"]), (&"pcg".into(), &0.into()), "{report}");
+    // what the nail of the lower cube holds is pulled away by that of the upper one, which moves
+    let far = text.replace("end = 0.2\n", "");
+    let rigid =
+        far.replace("at = [[0.0, 0.1, 0.0]]\nto = 'upper'", "at = [[0.0, 0.1, 0.0]]\nstart = 0.1\nto = 'upper'");
+    let apart = rigid.replace("to_at = [[0.0, 0.0, 0.0]]\n", "to_at = [[0.0, 0.1, 0.0]]\n");
+    std::fs::write(dir.path().join("apart.toml"), apart).unwrap();
+    let (code, _, err) = said(&softrig(dir.path(), &["bake", "apart.toml", "-o", "apart"]));
+    assert!(code != Some(0) && err.contains("contradict one another by 1.000e-1 m"), "{code:?} {err}");
+    assert!(err.contains("nail") && err.contains("points-to-point"), "{err}");
+}
+
 /// Vertices of a series carry the stress of the flesh below: none in a cube at rest, more where nails hold it up.
 #[test]
 fn series_are_coloured_by_stress_and_strain() {
