@@ -101,6 +101,8 @@ pub fn gltf_with_clip(source: &[u8], skeleton: &Skeleton, clip: &Clip) -> Result
     if !times.is_empty() {
         let input = writer.accessor(&times, 1, "SCALAR");
         for track in &clip.tracks {
+            let rest = &skeleton.joint(track.joint).local;
+            split(&mut writer.document["nodes"][track.joint.index()], rest);
             let (path, width, kind) = match track.property {
                 Property::Translation => ("translation", 3, "VEC3"),
                 Property::Rotation => ("rotation", 4, "VEC4"),
@@ -150,6 +152,15 @@ pub fn gltf_with_clip(source: &[u8], skeleton: &Skeleton, clip: &Clip) -> Result
         out.extend_from_slice(&binary);
     }
     Ok(out)
+}
+
+/// Animated nodes must not have a matrix: it becomes what it was read as.
+fn split(node: &mut Value, rest: &Transform) {
+    if node.as_object_mut().is_some_and(|node| node.remove("matrix").is_some()) {
+        node["translation"] = json!(rest.translation);
+        node["rotation"] = json!(rest.rotation);
+        node["scale"] = json!(rest.scale);
+    }
 }
 
 /// A list of the document, made when it is not there.
@@ -231,9 +242,11 @@ mod tests {
     #[test]
     fn a_clip_is_written_into_a_copy() {
         let node = |t: [f64; 3], children: Value| json!({ "translation": t, "children": children });
+        // a node that is given as a matrix can move as well, and has none in the copy
+        let along_x = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.5, 0.0, 0.0, 1.0];
         let document = json!({
             "asset": { "version": "2.0" }, "scene": 0, "scenes": [{ "nodes": [0] }],
-            "nodes": [node([0.0, 1.0, 0.0], json!([1])), json!({ "translation": [0.5, 0.0, 0.0], "name": "b", "mesh": 0 })],
+            "nodes": [node([0.0, 1.0, 0.0], json!([1])), json!({ "matrix": along_x, "name": "b", "mesh": 0 })],
             // one triangle
             "meshes": [{ "primitives": [{ "attributes": { "POSITION": 0 } }] }],
             "accessors": [{ "bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3", "min": [0, 0, 0], "max": [1, 1, 0] }],
@@ -266,6 +279,7 @@ mod tests {
                 .collect();
             let clip = clip_of_poses(&character.skeleton, &poses, 30.0, "shaken");
             let copy = gltf_with_clip(&source, &character.skeleton, &clip).unwrap();
+            assert!(!String::from_utf8_lossy(&copy).contains("matrix"));
             std::fs::write(&file, &copy).unwrap();
             let again = crate::gltf::read(&file, &options).unwrap();
             std::fs::remove_dir_all(&folder).unwrap();

@@ -20,7 +20,7 @@ pub(super) struct Nodes {
     pub depths: Vec<usize>,
     /// Translation, rotation, scale; of a matrix as near as they come.
     pub transforms: Vec<Transform>,
-    /// Set for nodes whose matrix stays one.
+    /// Set for nodes whose matrix stays one: it has shear.
     pub matrices: Vec<Option<Affine>>,
     /// Node to the world, in file units, while no clip plays.
     pub world: Vec<Affine>,
@@ -79,9 +79,10 @@ impl Nodes {
             names.push(unique.unique(&wish.map_or_else(|| format!("node {i}"), str::to_owned)));
             let (transform, matrix) = local(node, i)?;
             transforms.push(transform);
-            // a clip can only move a node whose matrix is split up
-            skewed += usize::from(animated[i] && matrix.is_some_and(|m| !close(&m, &transform.to_affine())));
-            matrices.push(matrix.filter(|_| !animated[i]));
+            // a node can only move when its matrix is split up: those of clips must be, others are where nothing is lost
+            let lost = |digits: f64| matrix.is_some_and(|m| !close(&m, &transform.to_affine(), digits));
+            skewed += usize::from(animated[i] && lost(1e-5));
+            matrices.push(matrix.filter(|_| !animated[i] && lost(1e-6)));
         }
         if skewed > 0 {
             notes.push(format!(
@@ -169,9 +170,9 @@ fn split(m: &Affine) -> Transform {
     Transform { translation: m.translation, rotation: rotation.to_array(), scale }
 }
 
-fn close(a: &Affine, b: &Affine) -> bool {
+fn close(a: &Affine, b: &Affine, tolerance: f64) -> bool {
     let size = a.linear.iter().flatten().fold(0.0f64, |s, v| s.max(v.abs()));
-    a.linear.iter().flatten().zip(b.linear.iter().flatten()).all(|(a, b)| (a - b).abs() <= 1e-5 * size)
+    a.linear.iter().flatten().zip(b.linear.iter().flatten()).all(|(a, b)| (a - b).abs() <= tolerance * size)
 }
 
 /// Which nodes belong to the scene: the file's default one, else the first, else all.
