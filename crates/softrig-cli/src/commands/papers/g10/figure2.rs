@@ -12,10 +12,11 @@ use softrig::character::{Character, Skin};
 use softrig::couple::{BindSettings, Binding, BoneRule};
 use softrig::material::{Material, MaterialMap};
 use softrig::mesh::{LatticeOptions, Resolution, VolumeMesh, voxelize};
-use softrig::rig::RootKind;
+use softrig::rig::{JointKind, RootKind};
 use softrig::simulation::{Action, Coupling, Event, Key, RestMotion, Simulation, SimulationSettings};
 use softrig_io::ImportOptions;
 use softrig_render::View;
+use std::f64::consts::PI;
 
 /// Frames of the pull, and frames it is held [1/30 s].
 const PULL: usize = 30;
@@ -24,9 +25,12 @@ const HELD: usize = 15;
 const WAY: f64 = 0.25;
 /// Nodes of a bone that are compared with each other.
 const SAMPLE: usize = 40;
-/// Points of the skin that share the pull, and how far from the lowest of them, as a share of the height.
-const POINTS: usize = 16;
-const REACH: f64 = 0.06;
+/// Points of the skin that share the pull: all around what follows the same joint as the lowest vertex.
+const POINTS: usize = 48;
+/// How far the rest pose leads the joints: enough to bring a leg back that nothing pulls.
+const DRIVE: f64 = 0.02;
+/// Room of each joint beyond what its clips do [rad]: none of them lifts a hoof as far as this pull.
+const ROOM: f64 = 0.5;
 /// The pull as a spring on the whole body would swing it this often a second [1/s].
 const FREQUENCY: f64 = 3.0;
 
@@ -79,20 +83,26 @@ pub fn run(job: &Job, results: &Results) -> Outcome {
     skins(results, "figure2.png", &character, View::ThreeQuarter, &shown)
 }
 
-/// Points of the skin around the lowest vertex, of equals the foremost: mesh, number and place of each, well apart.
+/// Points of the skin that follow the joint of the lowest vertex, of equals the foremost: mesh, number and place of each, well apart.
 fn hoof(character: &Character) -> Vec<(usize, usize, [f64; 3])> {
-    let skins = character.meshes.iter().enumerate().filter(|(_, m)| matches!(m.skin, Skin::Weighted(_)));
-    let all: Vec<_> = skins.flat_map(|(k, m)| m.positions.iter().enumerate().map(move |(v, p)| (k, v, *p))).collect();
+    let mut all = Vec::new();
+    for (k, mesh) in character.meshes.iter().enumerate() {
+        let Skin::Weighted(weights) = &mesh.skin else { continue };
+        for (v, p) in mesh.positions.iter().enumerate() {
+            let heaviest = weights.of(v).max_by(|a, b| a.1.total_cmp(&b.1));
+            all.extend(heaviest.map(|(joint, _)| (k, v, *p, joint)));
+        }
+    }
     let height = character.height();
     let rank = |p: [f64; 3]| p[1] - 0.1 * p[2] + 1e-3 * height * p[0].signum();
     let Some(lowest) = all.iter().min_by(|a, b| rank(a.2).total_cmp(&rank(b.2))) else { return Vec::new() };
     let square = |a: [f64; 3], b: [f64; 3]| (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>();
-    let near: Vec<_> = all.iter().filter(|p| square(p.2, lowest.2) <= (REACH * height).powi(2)).collect();
-    let mut chosen = vec![*lowest];
-    while chosen.len() < POINTS.min(near.len()) {
+    let own: Vec<_> = all.iter().filter(|p| p.3 == lowest.3).collect();
+    let mut chosen = vec![(lowest.0, lowest.1, lowest.2)];
+    while chosen.len() < POINTS.min(own.len()) {
         let apart = |p: [f64; 3]| chosen.iter().map(|c| square(c.2, p)).fold(f64::INFINITY, f64::min);
-        let Some(next) = near.iter().max_by(|a, b| apart(a.2).total_cmp(&apart(b.2))) else { break };
-        chosen.push(**next);
+        let Some(next) = own.iter().max_by(|a, b| apart(a.2).total_cmp(&apart(b.2))) else { break };
+        chosen.push((next.0, next.1, next.2));
     }
     chosen
 }
@@ -101,6 +111,20 @@ fn hoof(character: &Character) -> Vec<(usize, usize, [f64; 3])> {
 fn rootless(character: &Character, binding: &Binding) -> Vec<(String, BoneRule)> {
     let loose = binding.bones.iter().filter(|b| b.parent.is_some());
     loose.map(|b| (character.skeleton.joint(b.joint).name.clone(), BoneRule::Exclude)).collect()
+}
+
+/// The same joints with more room.
+fn roomy(mut coupling: Coupling) -> Coupling {
+    if let Coupling::TwoWay(two) = &mut coupling {
+        for joint in &mut two.joints {
+            match &mut joint.kind {
+                JointKind::Fixed => {}
+                JointKind::Hinge { range, .. } => *range = [range[0] - ROOM, range[1] + ROOM],
+                JointKind::Ball { cone, .. } => *cone = (*cone + ROOM).min(PI),
+            }
+        }
+    }
+    coupling
 }
 
 /// Where nodes and skin are after the pull.
@@ -118,7 +142,7 @@ fn pulled(
     events: &dyn Fn(f64) -> Vec<Event>,
     frames: usize,
 ) -> Result<Pulled, Failure> {
-    let coupling = if bones { coupling(character, &binding, 0.3, RootKind::Driven) } else { Coupling::OneWay };
+    let coupling = if bones { roomy(coupling(character, &binding, DRIVE, RootKind::Driven)) } else { Coupling::OneWay };
     let materials = MaterialMap::uniform(Material::default());
     let settings = SimulationSettings {
         gravity: [0.0; 3],
