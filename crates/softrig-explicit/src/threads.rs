@@ -48,7 +48,9 @@ mod tests {
             let sum = || (0..200).map(|_| (0..64u64).into_par_iter().map(|i| i * i).sum::<u64>()).sum::<u64>();
             let twice = pool.install(|| awake(|| awake(sum)));
             assert_eq!((twice, awake(sum)), (200 * 85344, 200 * 85344));
-            let panics = std::panic::catch_unwind(|| pool.install(|| awake(|| panic!("as meant"))));
+            let failing =
+                std::panic::AssertUnwindSafe(|| pool.install(|| awake(|| assert_eq!(threads, 0, "as meant"))));
+            let panics = std::panic::catch_unwind(failing);
             assert!(panics.is_err());
         }
     }
