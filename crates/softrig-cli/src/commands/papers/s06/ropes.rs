@@ -15,18 +15,18 @@ use softrig_render::View;
 const REACH: f64 = 2.0;
 
 pub fn run(job: &Job, results: &Results) -> Outcome {
-    // two ropes that fall by a third of their length, their ends nailed, and a body between them
-    let rope = five_tets([40, 1, 1], false, |p| [REACH * p[0], 0.05 * p[1] - 0.33 * REACH * p[0], 0.05 * p[2]]);
-    let box_ = five_tets([3, 3, 6], false, |p| [0.2 * p[0], -0.3 * p[1], 0.45 * p[2]]);
+    // two ropes that fall by a third of their length, their ends nailed, and a body between them: 1,340 tetrahedra and 14
+    // nails, where the paper has 1,339 and 14
+    let rope = five_tets([38, 1, 1], false, |p| [REACH * p[0], 0.05 * p[1] - 0.33 * REACH * p[0], 0.05 * p[2]]);
+    let box_ = five_tets([6, 4, 8], false, |p| [0.2 * p[0], -0.3 * p[1], 0.45 * p[2]]);
     let mut mesh = VolumeMesh::default();
     let mut set_up = Vec::new();
     for z in [0.0, 0.4] {
         let first = add(&mut mesh, &rope, |p| [p[0], p[1], p[2] + z]);
-        for (n, p) in rope.nodes.iter().enumerate() {
-            if p[0] == 0.0 || p[0] == REACH {
-                let node = first + n as u32;
-                set_up.push(Constraint::Nail { node, goal: mesh.nodes[node as usize] });
-            }
+        let ends = (0..rope.node_count()).filter(|n| rope.nodes[*n][0] == 0.0 || rope.nodes[*n][0] == REACH);
+        for n in ends.take(7) {
+            let node = first + n as u32;
+            set_up.push(Constraint::Nail { node, goal: mesh.nodes[node as usize] });
         }
     }
     let ropes = mesh.clone();
