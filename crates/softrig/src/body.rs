@@ -1,7 +1,8 @@
 //! A body: a volume mesh with materials, mass, a force model and prescribed nodes.
 
 use crate::force::{
-    ElasticModel, ForceModel, LONGEST_ROW, Rotations, StVenantKirchhoff, corotated, hex_points, tet_gradients,
+    ElasticModel, ForceModel, Increment, LONGEST_ROW, Rotations, StVenantKirchhoff, corotated, hex_points,
+    tet_gradients,
 };
 use crate::material::{MaterialError, MaterialMap};
 use crate::mesh::{CellKind, VolumeMesh};
@@ -183,6 +184,22 @@ impl<R: Scalar> Body<R> {
             (0..3).for_each(|k| matrix.values[*at as usize][4 * k] += added);
         }
         matrix
+    }
+
+    /// What a displacement and a velocity add to the internal force; a velocity adds nothing, at no cost, where nothing is damped.
+    pub(crate) fn increment<'a>(&self, displacement: Option<&'a [[R; 3]]>, velocity: &'a [[R; 3]]) -> Increment<'a, R> {
+        let damped = self.model.is_damped() || self.stiffness_damping != R::zero();
+        Increment { displacement, velocity: damped.then_some(velocity), damping: self.stiffness_damping }
+    }
+
+    /// Kinetic energy of lumped masses [J].
+    pub(crate) fn kinetic_energy(&self, velocity: &[[R; 3]]) -> f64 {
+        let mut energy = 0.0;
+        for (v, m) in velocity.iter().zip(&self.mass) {
+            let v = v.map(Scalar::to_f64);
+            energy += 0.5 * m.to_f64() * (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+        }
+        energy
     }
 
     /// Sum of the nodes' masses [kg].

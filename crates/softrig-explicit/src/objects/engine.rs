@@ -55,11 +55,8 @@ impl Engine {
         match self {
             Self::Local(l) => l.stepper.step(&mut l.law, Some(set), state, dt).map(|_| ()),
             Self::Implicit(i) => {
-                let before = (state.clone(), i.body.model.history());
                 let done = i.step(set, state, dt);
                 if done.is_err() {
-                    *state = before.0;
-                    i.body.model.restore(&before.1);
                     set.abandon();
                 }
                 done
@@ -114,15 +111,21 @@ impl Implicit {
             reactions: false,
         };
         let mut output = StepOutput::default();
+        // the step undoes itself; what comes after it may fail too
+        let before = set.has_local().then(|| (state.clone(), self.body.model.history()));
         let done = self.method.step(&mut self.body, self.solver.as_mut(), &input, state, &mut output);
         done.map_err(|e| match e {
             StepError::Link { source, .. } => set.named(source).into(),
             StepError::NotFinite { what, node, .. } => StepperError::NotFinite { what, node },
             e => StepperError::Implicit(e),
         })?;
-        if set.has_local() {
+        if let Some((kept, history)) = before {
             set.clear_forces();
-            set.enforce(Scheme::ImplicitEuler, dt, &inverse, state)?;
+            if let Err(e) = set.enforce(Scheme::ImplicitEuler, dt, &inverse, state) {
+                *state = kept;
+                self.body.model.restore(&history);
+                return Err(e.into());
+            }
         }
         set.take_forces(self.method.force());
         set.advance();

@@ -1,9 +1,7 @@
 //! The system without its dependent nodes: Tᵀ A T y = Tᵀ b.
 
 use super::{Elimination, LinkError};
-use softrig_linalg::{
-    BlockCsr, BlockPattern, DofConstraints, LinearSolver, LinearSystem, Scalar, SolveError, SolveReport,
-};
+use softrig_linalg::{BlockCsr, BlockPattern, DofConstraints, LinearSolver, Scalar, SolveError, SolveReport};
 use std::sync::Arc;
 
 /// A block of A that goes into a block of Tᵀ A T.
@@ -165,15 +163,5 @@ impl<R: Scalar> LinearSolver<R> for Within<'_, R> {
         tolerance: f64,
     ) -> Result<SolveReport, SolveError> {
         self.reduced.solve(self.inner, matrix, rhs, tolerance, solution, self.force)
-    }
-
-    fn solve_system(
-        &mut self,
-        system: &mut dyn LinearSystem<R>,
-        rhs: &[[R; 3]],
-        solution: &mut [[R; 3]],
-        tolerance: f64,
-    ) -> Result<SolveReport, SolveError> {
-        self.solve(system.assembled(), rhs, solution, tolerance)
     }
 }

@@ -228,12 +228,7 @@ impl<R: Scalar> Implicit<R> {
             body.model.linearise(&self.x);
             // f_int + K d + b K v'; d counts only while x does not contain it, and then only prescribed and linked nodes have one
             let moved = linearisation == 0 && self.d.iter().flatten().any(|d| *d != R::zero());
-            let damped = body.model.is_damped() || body.stiffness_damping != R::zero();
-            let increment = Increment {
-                displacement: moved.then_some(&self.d[..]),
-                velocity: damped.then_some(&self.v[..]),
-                damping: body.stiffness_damping,
-            };
+            let increment = body.increment(moved.then_some(&self.d[..]), &self.v);
             output.elastic_energy = body.model.force(&self.x, increment, &mut self.force);
             let mut norm = self.residual(body, input);
             if linearisation == 0 {
@@ -281,11 +276,7 @@ impl<R: Scalar> Implicit<R> {
         self.kinematics(body, &c, input, state);
         finite("position", time, &self.x)?;
         finite("velocity", time, &self.v)?;
-        output.kinetic_energy = 0.0;
-        for (v, m) in self.v.iter().zip(&body.mass) {
-            let v = v.map(|v| v.to_f64());
-            output.kinetic_energy += 0.5 * m.to_f64() * (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
-        }
+        output.kinetic_energy = body.kinetic_energy(&self.v);
         if input.reactions {
             output.reaction.clear();
             body.model.linearise(&self.x);

@@ -166,12 +166,9 @@ impl<R: Scalar> Made<R> {
     }
 }
 
-impl<R: Scalar> Integrator<R> for Linked<R> {
-    fn name(&self) -> &'static str {
-        self.method.name()
-    }
-
-    fn step(
+impl<R: Scalar> Linked<R> {
+    /// A step of a body without links.
+    fn free_step(
         &mut self,
         body: &mut Body<R>,
         solver: &mut dyn LinearSolver<R>,
@@ -179,28 +176,24 @@ impl<R: Scalar> Integrator<R> for Linked<R> {
         state: &mut State<R>,
         output: &mut StepOutput<R>,
     ) -> Result<(), StepError> {
-        let n = body.mass.len();
-        let time = state.time;
-        let lists = [state.position.len(), state.velocity.len(), state.acceleration.len()];
-        if lists != [n; 3] || [input.target_position.len(), input.target_velocity.len()] != [n; 2] {
-            return Err(StepError::Unsupported(format!(
-                "a state or targets of another size than the body's {n} nodes"
-            )));
+        self.method.inner().start.clear();
+        self.force.clear();
+        self.force.resize(body.mass.len(), [R::zero(); 3]);
+        if self.fresh && self.is_newmark() {
+            initial_acceleration(body, input.external_force, state)?;
         }
-        if body.consistent_mass.is_some() {
-            return Err(StepError::Unsupported("links between nodes of a body with consistent mass".into()));
-        }
-        let newmark = matches!(self.method.inner().scheme, Scheme::Newmark { .. });
-        if self.links.is_empty() {
-            self.method.inner().start.clear();
-            self.force.clear();
-            self.force.resize(n, [R::zero(); 3]);
-            if self.fresh && newmark {
-                initial_acceleration(body, input.external_force, state)?;
-            }
-            self.fresh = false;
-            return self.method.step(body, solver, input, state, output);
-        }
+        self.method.step(body, solver, input, state, output)
+    }
+
+    fn linked_step(
+        &mut self,
+        body: &mut Body<R>,
+        solver: &mut dyn LinearSolver<R>,
+        input: &StepInput<'_, R>,
+        state: &mut State<R>,
+        output: &mut StepOutput<R>,
+    ) -> Result<(), StepError> {
+        let (n, time, newmark) = (body.mass.len(), state.time, self.is_newmark());
         self.prepare(body, time)?;
         let made = self.made.as_mut().expect("it was prepared above");
         let link = |source| StepError::Link { time, source };
@@ -224,37 +217,68 @@ impl<R: Scalar> Integrator<R> for Linked<R> {
             prepared.map_err(|source| StepError::Solve { time, source })?;
             made.solver = address;
         }
+        if self.fresh {
+            if newmark {
+                initial_acceleration(body, input.external_force, state)?;
+            }
+            with_prescribed(&body.constraints, &speed, &mut state.velocity);
+            made.project(body, &rate, &mut state.velocity, time)?;
+            made.project(body, &still, &mut state.acceleration, time)?;
+        }
+        self.method.inner().start = lead;
+        self.force.clear();
+        self.force.resize(n, [R::zero(); 3]);
+        let mut within = Within { inner: solver, reduced: &mut made.reduced, force: &mut self.force };
+        self.method.step(body, &mut within, input, state, output)?;
+        made.elimination.place(&offset, &mut state.position);
+        made.project(body, &rate, &mut state.velocity, time)?;
+        made.project(body, &still, &mut state.acceleration, time)?;
+        output.kinetic_energy = body.kinetic_energy(&state.velocity);
+        Ok(())
+    }
+
+    fn is_newmark(&mut self) -> bool {
+        matches!(self.method.inner().scheme, Scheme::Newmark { .. })
+    }
+}
+
+impl<R: Scalar> Integrator<R> for Linked<R> {
+    fn name(&self) -> &'static str {
+        self.method.name()
+    }
+
+    fn step(
+        &mut self,
+        body: &mut Body<R>,
+        solver: &mut dyn LinearSolver<R>,
+        input: &StepInput<'_, R>,
+        state: &mut State<R>,
+        output: &mut StepOutput<R>,
+    ) -> Result<(), StepError> {
+        let n = body.mass.len();
+        let lists = [state.position.len(), state.velocity.len(), state.acceleration.len()];
+        if lists != [n; 3] || [input.target_position.len(), input.target_velocity.len()] != [n; 2] {
+            return Err(StepError::Unsupported(format!(
+                "a state or targets of another size than the body's {n} nodes"
+            )));
+        }
+        if body.consistent_mass.is_some() {
+            return Err(StepError::Unsupported("links between nodes of a body with consistent mass".into()));
+        }
         let before = state.clone();
         let history = body.model.history();
-        let run = || {
-            if self.fresh {
-                if newmark {
-                    initial_acceleration(body, input.external_force, state)?;
-                }
-                with_prescribed(&body.constraints, &speed, &mut state.velocity);
-                made.project(body, &rate, &mut state.velocity, time)?;
-                made.project(body, &still, &mut state.acceleration, time)?;
-            }
-            self.method.inner().start = lead;
-            self.force.clear();
-            self.force.resize(n, [R::zero(); 3]);
-            let mut within = Within { inner: solver, reduced: &mut made.reduced, force: &mut self.force };
-            self.method.step(body, &mut within, input, state, output)?;
-            made.elimination.place(&offset, &mut state.position);
-            made.project(body, &rate, &mut state.velocity, time)?;
-            made.project(body, &still, &mut state.acceleration, time)
+        let done = if self.links.is_empty() {
+            self.free_step(body, solver, input, state, output)
+        } else {
+            self.linked_step(body, solver, input, state, output)
         };
-        if let Err(e) = run() {
+        if done.is_ok() {
+            self.fresh = false;
+        } else {
             *state = before;
             body.model.restore(&history);
-            return Err(e);
         }
-        self.fresh = false;
-        output.kinetic_energy = 0.0;
-        for (v, m) in state.velocity.iter().zip(&body.mass) {
-            output.kinetic_energy += 0.5 * m.to_f64() * v.iter().map(|v| v.to_f64() * v.to_f64()).sum::<f64>();
-        }
-        Ok(())
+        done
     }
 }
 

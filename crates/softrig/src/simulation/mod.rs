@@ -114,16 +114,6 @@ struct Scratch<R> {
     frames: [Vec<NodeFrame>; 2],
 }
 
-/// Of the box around the points [m].
-fn longest_side(points: &[[f64; 3]]) -> f64 {
-    let side = |k: usize| {
-        let along = points.iter().map(|p| p[k]);
-        let (least, most) = along.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, m), v| (l.min(v), m.max(v)));
-        (most - least).max(0.0)
-    };
-    (0..3).map(side).fold(0.0, f64::max)
-}
-
 fn cast<R: Scalar>(v: [f64; 3]) -> [R; 3] {
     v.map(R::from_f64)
 }
@@ -160,7 +150,7 @@ impl<R: Scalar> Simulation<R> {
         Ok(Self {
             skeleton: character.skeleton.clone(),
             height: character.height(),
-            size: longest_side(&body.mesh.nodes),
+            size: body.mesh.bounds().map_or(0.0, |(lo, hi)| (0..3).map(|k| hi[k] - lo[k]).fold(0.0, f64::max)),
             integrator: settings.dynamics.integrator(),
             settles_itself: false,
             solver,

@@ -5,7 +5,6 @@ use super::{CHUNK, Course, Monolithic};
 use crate::body::Body;
 use crate::couple::jacobian::Role;
 use crate::couple::pull::{PointSpring, shortened};
-use crate::force::Increment;
 use crate::rig::Configuration;
 use glam::DVec3;
 use rayon::prelude::*;
@@ -27,12 +26,7 @@ impl<R: Scalar> Monolithic<R> {
         body.model.linearise(at);
         // what no bone moved and nothing damps costs nothing
         let moved = at_start && self.d.iter().flatten().any(|d| *d != R::zero());
-        let damped = body.model.is_damped() || body.stiffness_damping != R::zero();
-        let increment = Increment {
-            displacement: moved.then_some(&self.d[..]),
-            velocity: damped.then_some(&self.v[..]),
-            damping: body.stiffness_damping,
-        };
+        let increment = body.increment(moved.then_some(&self.d[..]), &self.v);
         let energy = body.model.force(at, increment, &mut self.force);
         self.rhs.resize(self.now.len(), course.input.articulation.unknown_count());
         self.node_balance(body, course);

@@ -110,11 +110,7 @@ impl<R: Scalar> Monolithic<R> {
             }
             self.x[i] = x.map(R::from_f64);
         }
-        output.kinetic_energy = 0.0;
-        for (v, m) in self.v.iter().zip(&body.mass) {
-            let v = v.map(Scalar::to_f64);
-            output.kinetic_energy += 0.5 * m.to_f64() * (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
-        }
+        output.kinetic_energy = body.kinetic_energy(&self.v);
         self.set_deviation(course, configuration);
         if course.input.reactions {
             body.model.linearise(&self.x);

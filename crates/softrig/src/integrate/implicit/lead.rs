@@ -2,7 +2,6 @@
 
 use super::{Constants, Implicit};
 use crate::body::Body;
-use crate::force::Increment;
 use crate::integrate::{State, StepInput};
 use softrig_linalg::Scalar;
 
@@ -28,12 +27,7 @@ impl<R: Scalar> Implicit<R> {
             self.d[i] = state.velocity[i].map(|v| h * v);
         }
         self.kinematics(body, c, input, state);
-        let damped = body.model.is_damped() || body.stiffness_damping != R::zero();
-        let increment = Increment {
-            displacement: Some(&self.d),
-            velocity: damped.then_some(&self.v[..]),
-            damping: body.stiffness_damping,
-        };
+        let increment = body.increment(Some(&self.d), &self.v);
         body.model.force(&self.x, increment, &mut self.force);
         // the memory of the correction, which is not there yet
         std::mem::swap(&mut self.rhs, &mut self.correction);
