@@ -1,7 +1,7 @@
 //! A skeleton with joints that move by themselves: its unknowns, their limits, and the pose they make.
 //!
-//! The unknowns sit on top of a clip's pose: joints without unknowns turn as the clip says, and every joint keeps the offset and scale
-//! that the clip gives it, so bones are as long as the clip makes them whatever the unknowns are.
+//! The unknowns sit on top of a clip's pose: joints without unknowns turn as the clip says, and every joint moves rigidly from where the
+//! clip has it, so bones are as long as the clip makes them whatever the unknowns are.
 //!
 //! Terms: a joint's local rotation is q = q0 d, with q0 that of the rest shape. A ball has d as its unknown; a hinge about a
 //! has d = exp(a θ) s with the unknown θ and what is left of the clip's rotation, s. Increments of balls and places are along
@@ -78,9 +78,8 @@ pub struct Configuration {
 /// A clip's pose, taken apart for [`Articulation::pose_into`].
 #[derive(Clone, Debug, Default)]
 pub struct Base {
-    /// Frame of each joint in its parent's; `None` where the parent's is singular.
-    local: Vec<Option<Affine>>,
-    rotation: Vec<DQuat>,
+    /// Rotation of each joint in its parent's frame; `None` where that is singular.
+    rotation: Vec<Option<DQuat>>,
     world: Vec<Affine>,
 }
 
@@ -235,13 +234,10 @@ impl Articulation {
     /// Takes a clip's pose apart.
     pub fn base_into(&self, skeleton: &Skeleton, clip: &Pose, base: &mut Base) {
         base.world.clone_from(&clip.world);
-        base.local.clear();
         base.rotation.clear();
         for (joint, world) in skeleton.joints().iter().zip(&clip.world) {
             let parent = joint.parent.map_or(*skeleton.to_world(), |p| clip.world[p.index()]);
-            let local = parent.inverse().map(|back| back.after(world));
-            base.rotation.push(local.as_ref().map_or(DQuat::IDENTITY, rotation_in));
-            base.local.push(local);
+            base.rotation.push(parent.inverse().map(|back| rotation_in(&back.after(world))));
         }
     }
 
@@ -257,7 +253,7 @@ impl Articulation {
     /// The clip's own value.
     fn clip_value(&self, entry: &Entry, base: &Base) -> Value {
         let i = entry.joint.index();
-        let d = self.rest[i].conjugate() * base.rotation[i];
+        let d = self.rest[i].conjugate() * base.rotation[i].unwrap_or(DQuat::IDENTITY);
         match entry.kind {
             EntryKind::Place => Value::Place(base.world[i].translation),
             EntryKind::Angle => Value::Angle(twist(d, self.axis(entry))),
@@ -285,7 +281,8 @@ impl Articulation {
         }
     }
 
-    /// Forward kinematics: the clip's pose with the unknowns in place of its own values.
+    /// Forward kinematics: the clip's pose with the unknowns in place of its own values. Every joint moves rigidly from where
+    /// the clip has it, so no bone is longer or shorter than in the clip, whatever scales its parents have.
     ///
     /// # Panics
     /// When base or configuration are of another articulation.
@@ -295,39 +292,39 @@ impl Articulation {
         world.resize(skeleton.joint_count(), Affine::IDENTITY);
         for &id in skeleton.order() {
             let i = id.index();
-            let (Some(local), false) = (&base.local[i], self.moved_by[i].is_empty()) else {
+            let (Some(rotation), false) = (base.rotation[i], self.moved_by[i].is_empty()) else {
                 world[i] = base.world[i];
                 continue;
             };
-            let parent = skeleton.joint(id).parent.map_or(*skeleton.to_world(), |p| world[p.index()]);
-            let Some(first) = self.entry_of[i] else {
-                world[i] = parent.after(local);
-                continue;
-            };
-            let mut place = None;
-            let mut turned = base.rotation[i];
-            for (entry, value) in self.entries[first..].iter().zip(&configuration.values[first..]).take(2) {
-                if entry.joint != id {
-                    break;
-                }
-                let d = self.rest[i].conjugate() * base.rotation[i];
-                match *value {
-                    Value::Place(p) => place = Some(p),
-                    Value::Angle(angle) => {
-                        let axis = self.axis(entry);
-                        turned = self.rest[i] * DQuat::from_axis_angle(axis, angle - twist(d, axis)) * d;
+            // where the parent is, where the clip has it, and the turn between the two
+            let to_world = *skeleton.to_world();
+            let (parent, clip) =
+                skeleton.joint(id).parent.map_or((to_world, to_world), |p| (world[p.index()], base.world[p.index()]));
+            let clip_axes = axis_map(&clip);
+            let mut turn = axis_map(&parent) * clip_axes.transpose();
+            let offset = DVec3::from(base.world[i].translation) - DVec3::from(clip.translation);
+            let mut place = (DVec3::from(parent.translation) + turn * offset).to_array();
+            if let Some(first) = self.entry_of[i] {
+                let d = self.rest[i].conjugate() * rotation;
+                let mut turned = rotation;
+                for (entry, value) in self.entries[first..].iter().zip(&configuration.values[first..]).take(2) {
+                    if entry.joint != id {
+                        break;
                     }
-                    Value::Turn(d) => turned = self.rest[i] * DQuat::from_array(d),
+                    match *value {
+                        Value::Place(p) => place = p,
+                        Value::Angle(angle) => {
+                            let axis = self.axis(entry);
+                            turned = self.rest[i] * DQuat::from_axis_angle(axis, angle - twist(d, axis)) * d;
+                        }
+                        Value::Turn(d) => turned = self.rest[i] * DQuat::from_array(d),
+                    }
                 }
+                let change = DMat3::from_quat((turned * rotation.conjugate()).normalize());
+                turn *= clip_axes * change * clip_axes.transpose();
             }
-            // the clip's stretch stays, its rotation is replaced
-            let change = DMat3::from_quat((turned * base.rotation[i].conjugate()).normalize());
-            let linear = change * DMat3::from_cols_array_2d(&local.linear).transpose();
-            let local = Affine { linear: linear.transpose().to_cols_array_2d(), translation: local.translation };
-            world[i] = parent.after(&local);
-            if let Some(p) = place {
-                world[i].translation = p;
-            }
+            let linear = turn * DMat3::from_cols_array_2d(&base.world[i].linear).transpose();
+            world[i] = Affine { linear: linear.transpose().to_cols_array_2d(), translation: place };
         }
     }
 

@@ -56,23 +56,29 @@ pub(crate) fn clamp_swing_twist(q: DQuat, axis: DVec3, cone: f64, range: [f64; 2
 
 /// A rotation that a linear map contains: its first two columns, made orthonormal. What is left over is the map's stretch.
 pub(crate) fn rotation_in(map: &Affine) -> DQuat {
-    let m = DMat3::from_cols_array_2d(&map.linear).transpose();
-    let x = m.x_axis.try_normalize().unwrap_or(DVec3::X);
-    let y = (m.y_axis - x * x.dot(m.y_axis)).try_normalize().unwrap_or_else(|| x.any_orthonormal_vector());
-    DQuat::from_mat3(&DMat3::from_cols(x, y, x.cross(y))).normalize()
+    DQuat::from_mat3(&orthonormal(matrix(map))).normalize()
 }
 
-/// Axes of rotations seen through a map that keeps angles: a mirrored frame turns the other way round.
+/// Axes of rotations seen through a map: orthonormal, and of a mirrored frame turned the other way round. A map turned in the
+/// world has its axes turned just so, whatever it stretches.
 pub(crate) fn axis_map(map: &Affine) -> DMat3 {
-    let m = DMat3::from_cols_array_2d(&map.linear).transpose();
-    let det = m.determinant();
-    let size = det.abs().cbrt();
-    if size > 0.0 && size.is_finite() { m * (det.signum() / size) } else { DMat3::IDENTITY }
+    let m = matrix(map);
+    orthonormal(m * m.determinant().signum())
+}
+
+fn matrix(map: &Affine) -> DMat3 {
+    DMat3::from_cols_array_2d(&map.linear).transpose()
+}
+
+fn orthonormal(m: DMat3) -> DMat3 {
+    let x = m.x_axis.try_normalize().unwrap_or(DVec3::X);
+    let y = (m.y_axis - x * x.dot(m.y_axis)).try_normalize().unwrap_or_else(|| x.any_orthonormal_vector());
+    DMat3::from_cols(x, y, x.cross(y))
 }
 
 /// Whether a map turns and scales alike in all directions, so that lengths beyond it do not depend on direction.
 pub(crate) fn keeps_angles(map: &Affine) -> bool {
-    let m = DMat3::from_cols_array_2d(&map.linear).transpose();
+    let m = matrix(map);
     let gram = m.transpose() * m;
     let mean = (gram.x_axis.x + gram.y_axis.y + gram.z_axis.z) / 3.0;
     let off = (gram - DMat3::from_diagonal(DVec3::splat(mean))).to_cols_array();
