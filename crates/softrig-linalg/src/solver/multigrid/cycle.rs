@@ -65,12 +65,12 @@ impl Cycle {
                 break;
             }
             let fine = &levels[levels.len() - 1].pattern;
-            let mut product = Galerkin::new(fine, restricted);
+            let mut product = Galerkin::new(fine, &restricted);
             let mut colours = None;
             if let Some((order, starts)) = order_for(settings.smoother, &product.coarse_pattern(seen.clone())) {
                 seen = order.iter().map(|i| seen[*i as usize]).collect();
                 restricted = p.between(&kept, &seen);
-                product = Galerkin::new(fine, restricted);
+                product = Galerkin::new(fine, &restricted);
                 colours = Some(starts);
             }
             kept = seen;
@@ -104,7 +104,7 @@ impl Cycle {
         for ((p, galerkin), levels) in hierarchy.iter().zip(&mut self.galerkin).zip(self.levels.windows(2)) {
             let whole = p.between(&levels[0].pattern.node, &levels[1].pattern.node);
             let (masked, left_out) = whole.masked(&held, marking);
-            galerkin.set_weights(masked);
+            galerkin.set_weights(&masked);
             held = left_out;
         }
     }
@@ -131,7 +131,7 @@ impl Cycle {
     pub fn traffic(&self, smoother: Smoother) -> Traffic {
         let fine: usize = self.levels[..self.levels.len() - 1].iter().map(Level::bytes).sum();
         // up and down between the levels
-        let between: usize = self.galerkin.iter().map(|g| 2 * 12 * g.interpolation().column.len()).sum();
+        let between: usize = self.galerkin.iter().map(|g| 2 * 8 * g.interpolation().column.len()).sum();
         Traffic { moved: products(smoother) * fine + between, held: fine + between / 2 }
     }
 

@@ -1,108 +1,129 @@
-//! Galerkin products `A_c = Pᵀ A P` on fixed patterns.
+//! Galerkin products `A_c = Pᵀ A P` on fixed patterns, streamed.
 //!
-//! Two owner-computes passes: rows of `A P`, then rows of `Pᵀ (A P)` from the diagonal on; what is left of it is the mirror image,
-//! as systems are symmetric. Where each contribution lands is found once; a refresh only streams values through it.
+//! Fine rows are taken strip by strip. A row of `A P` lives in the cache for as long as it takes to add its multiples to the coarse
+//! rows it belongs to, from the diagonal on; what is left of these is the mirror image, as systems are symmetric. Each strip adds to
+//! coarse rows of its own, which are summed in the order of the strips: any number of threads gives the same bits. Where each
+//! contribution lands is found once; a refresh only streams values through it.
 
-use super::interpolation::Interpolation;
+use super::interpolation::{Interpolation, Weights};
 use crate::solver::free::BlockRows;
 use crate::{Kernel, run_wide};
 use rayon::prelude::*;
 use std::ops::Range;
 
+/// Fine rows of a strip: enough that few coarse rows belong to several, few enough that its blocks stay in the cache.
+const STRIP: usize = 512;
 /// Rows per task.
 const ROWS: usize = 128;
 
 /// Marks a block that is the transpose of the one it points to.
 const MIRRORED: u32 = 1 << 31;
 
-/// A sparse pattern of blocks, with the place of every contribution to it.
-#[derive(Debug, Default)]
-struct Product {
-    row_start: Vec<u32>,
-    column: Vec<u32>,
-    /// Place within the row of each contribution, in the order a refresh meets them.
-    place: Vec<u16>,
-    /// First contribution of each row.
-    place_start: Vec<u32>,
-}
-
-/// The symbolic part of one coarsening.
+/// One coarsening.
 #[derive(Debug, Default)]
 pub(super) struct Galerkin {
-    p: Interpolation,
-    pt: Interpolation,
-    ap: Product,
+    p: Weights,
+    pt: Weights,
     /// Pattern of the coarse matrix: rows and columns.
-    coarse: (Vec<u32>, Vec<u32>),
+    coarse: Pattern,
     /// Its part from the diagonal on, which is what is computed.
-    upper: Product,
-    /// For every entry of `pt`: the first block of its row of `ap` that is not left of the diagonal.
-    tail: Vec<u32>,
+    upper: Pattern,
     /// For every coarse block: where it is in the upper part, or its mirror image, with [`MIRRORED`].
     source: Vec<u32>,
-    ap_values: Vec<[f32; 9]>,
-    upper_values: Vec<[f32; 9]>,
+    /// Fine rows in the order of their nodes, which lie close together strip by strip.
+    order: Vec<u32>,
+    strips: Vec<Strip>,
+    /// Where contributions land, in the order a refresh meets them.
+    places: Places,
+    /// The coarse rows of each strip, after room for one row of `A P`.
+    parts: Vec<[f32; 9]>,
+    /// For every coarse row: where its parts are.
+    part_start: Vec<u32>,
+    part: Vec<u32>,
+    values: Vec<[f32; 9]>,
 }
 
-/// Walks a sparse product row by row; `visit(row, add)` names the columns of all contributions of a row in order.
-fn symbolic(rows: usize, columns: usize, visit: impl Fn(usize, &mut dyn FnMut(u32))) -> Product {
-    let mut out = Product { row_start: vec![0], place_start: vec![0], ..Product::default() };
-    let mut mark = vec![u32::MAX; columns];
-    for i in 0..rows {
-        let first = out.column.len();
-        visit(i, &mut |c| {
-            if mark[c as usize] == u32::MAX {
-                mark[c as usize] = 0;
-                out.column.push(c);
-            }
-        });
-        out.column[first..].sort_unstable();
-        for (k, c) in out.column[first..].iter().enumerate() {
-            mark[*c as usize] = k as u32;
-        }
-        visit(i, &mut |c| out.place.push(mark[c as usize] as u16));
-        out.column[first..].iter().for_each(|c| mark[*c as usize] = u32::MAX);
-        out.row_start.push(out.column.len() as u32);
-        out.place_start.push(out.place.len() as u32);
-    }
-    out
+/// Compressed rows, columns ascending.
+#[derive(Debug, Default)]
+struct Pattern {
+    start: Vec<u32>,
+    column: Vec<u32>,
 }
 
-impl Product {
+/// Where a strip begins in each of the lists.
+#[derive(Clone, Copy, Debug, Default)]
+struct Strip {
+    row: usize,
+    gather: usize,
+    entry: usize,
+    spread: usize,
+    part: usize,
+}
+
+#[derive(Debug, Default)]
+struct Places {
+    /// Blocks of each row of `A P`.
+    width: Vec<u16>,
+    /// Of what is added to a row of `A P`: place in the row.
+    gather: Vec<u16>,
+    /// For each weight of a fine row: first block of its row of `A P` that is not left of the coarse diagonal, and the strip's part of
+    /// the coarse row.
+    tail: Vec<u16>,
+    base: Vec<u32>,
+    /// Of what is added to a coarse row: place in the row.
+    spread: Vec<u16>,
+}
+
+impl Pattern {
     fn row_count(&self) -> usize {
-        self.row_start.len() - 1
+        self.start.len() - 1
     }
 
     fn row(&self, i: usize) -> Range<usize> {
-        self.row_start[i] as usize..self.row_start[i + 1] as usize
+        self.start[i] as usize..self.start[i + 1] as usize
     }
 
-    /// The part of a square product from the diagonal on.
-    fn upper(&self) -> Self {
-        let mut out = Self { row_start: vec![0], place_start: vec![0], ..Self::default() };
-        for i in 0..self.row_count() {
-            let row = &self.column[self.row(i)];
-            let diagonal = row.partition_point(|c| (*c as usize) < i);
-            out.column.extend_from_slice(&row[diagonal..]);
-            let places = &self.place[self.place_start[i] as usize..self.place_start[i + 1] as usize];
-            out.place.extend(places.iter().filter_map(|k| k.checked_sub(diagonal as u16)));
-            out.row_start.push(out.column.len() as u32);
-            out.place_start.push(out.place.len() as u32);
+    fn columns(&self, i: usize) -> &[u32] {
+        &self.column[self.row(i)]
+    }
+
+    /// A sparse product row by row; `visit(row, add)` names the columns of all contributions of a row.
+    fn of_product(rows: usize, columns: usize, visit: impl Fn(usize, &mut dyn FnMut(u32))) -> Self {
+        let mut out = Self { start: vec![0], ..Self::default() };
+        let mut seen = vec![false; columns];
+        for i in 0..rows {
+            let first = out.column.len();
+            visit(i, &mut |c| {
+                if !std::mem::replace(&mut seen[c as usize], true) {
+                    out.column.push(c);
+                }
+            });
+            out.column[first..].sort_unstable();
+            out.column[first..].iter().for_each(|c| seen[*c as usize] = false);
+            out.start.push(out.column.len() as u32);
         }
         out
     }
 
-    /// For every block of this square product with a symmetric pattern: where it is in its upper part, or its mirror image, with
-    /// [`MIRRORED`].
+    /// The part of a square pattern from the diagonal on.
+    fn upper(&self) -> Self {
+        let mut out = Self { start: vec![0], ..Self::default() };
+        for i in 0..self.row_count() {
+            out.column.extend(self.columns(i).iter().filter(|c| **c as usize >= i));
+            out.start.push(out.column.len() as u32);
+        }
+        out
+    }
+
+    /// For every block of this square, symmetric pattern: where it is in its upper part, or its mirror image, with [`MIRRORED`].
     fn sources(&self, upper: &Self) -> Vec<u32> {
         let mut out = Vec::with_capacity(self.column.len());
         for i in 0..self.row_count() {
-            for &j in &self.column[self.row(i)] {
+            for &j in self.columns(i) {
                 let (row, column) = (i.min(j as usize), i.max(j as usize) as u32);
-                let row = upper.row(row);
-                let at = upper.column[row.clone()].binary_search(&column).expect("the pattern is symmetric");
+                let at = upper.columns(row).binary_search(&column).expect("the pattern is symmetric");
                 let mirrored = if (j as usize) < i { MIRRORED } else { 0 };
-                out.push((row.start + at) as u32 | mirrored);
+                out.push((upper.row(row).start + at) as u32 | mirrored);
             }
         }
         out
@@ -111,129 +132,209 @@ impl Product {
 
 impl Galerkin {
     /// `fine` has one row per row of `p`.
-    pub fn new(fine: &BlockRows, p: Interpolation) -> Self {
+    pub fn new(fine: &BlockRows, p: &Interpolation) -> Self {
         let pt = p.transposed();
-        let ap = symbolic(fine.row_count(), p.coarse_count, |i, add| {
+        let ap = Pattern::of_product(fine.row_count(), p.coarse_count, |i, add| {
             for k in fine.row(i) {
                 p.column[p.row(fine.column[k] as usize)].iter().for_each(|c| add(*c));
             }
         });
-        let whole = symbolic(p.coarse_count, p.coarse_count, |c, add| {
+        let coarse = Pattern::of_product(p.coarse_count, p.coarse_count, |c, add| {
             for k in pt.row(c) {
-                ap.column[ap.row(pt.column[k] as usize)].iter().for_each(|c| add(*c));
+                ap.columns(pt.column[k] as usize).iter().for_each(|c| add(*c));
             }
         });
-        let mut tail = Vec::with_capacity(pt.column.len());
-        for c in 0..p.coarse_count {
-            for k in pt.row(c) {
-                let row = ap.row(pt.column[k] as usize);
-                tail.push((row.start + ap.column[row].partition_point(|j| (*j as usize) < c)) as u32);
-            }
-        }
-        let upper = whole.upper();
-        let source = whole.sources(&upper);
-        let ap_values = vec![[0.0; 9]; ap.column.len()];
-        let upper_values = vec![[0.0; 9]; upper.column.len()];
-        Self { p, pt, ap, coarse: (whole.row_start, whole.column), upper, tail, source, ap_values, upper_values }
+        let upper = coarse.upper();
+        let source = coarse.sources(&upper);
+        let values = vec![[0.0; 9]; upper.column.len()];
+        let mut order: Vec<u32> = (0..fine.row_count() as u32).collect();
+        order.sort_by_key(|row| fine.node[*row as usize]);
+        let mut out = Self { p: p.into(), pt: (&pt).into(), coarse, upper, source, order, values, ..Self::default() };
+        out.cut(fine, p, &ap);
+        out
     }
 
-    pub fn interpolation(&self) -> &Interpolation {
+    /// Makes the strips and finds all places.
+    fn cut(&mut self, fine: &BlockRows, p: &Interpolation, ap: &Pattern) {
+        let Self { upper, order, strips, places, .. } = self;
+        let room = (0..ap.row_count()).map(|i| ap.row(i).len()).max().unwrap_or(0);
+        // coarse row and place in all parts
+        let mut part: Vec<(u32, u32)> = Vec::new();
+        let mut base = vec![u32::MAX; p.coarse_count];
+        let (mut row, mut len) = (0, 0);
+        for rows in order.chunks(STRIP) {
+            let Places { gather, tail, spread, .. } = &*places;
+            let strip = Strip { row, gather: gather.len(), entry: tail.len(), spread: spread.len(), part: len };
+            strips.push(strip);
+            let first = part.len();
+            let mut next = room;
+            for i in rows.iter().map(|i| *i as usize) {
+                let columns = ap.columns(i);
+                places.width.push(columns.len() as u16);
+                for k in fine.row(i) {
+                    for c in &p.column[p.row(fine.column[k] as usize)] {
+                        places.gather.push(place_of(*c, columns));
+                    }
+                }
+                for c in p.column[p.row(i)].iter().map(|c| *c as usize) {
+                    let coarse = upper.columns(c);
+                    if base[c] == u32::MAX {
+                        base[c] = next as u32;
+                        part.push((c as u32, (len + next) as u32));
+                        next += coarse.len();
+                    }
+                    let tail = columns.partition_point(|j| (*j as usize) < c);
+                    places.tail.push(tail as u16);
+                    places.base.push(base[c]);
+                    places.spread.extend(columns[tail..].iter().map(|j| place_of(*j, coarse)));
+                }
+            }
+            part[first..].iter().for_each(|(c, _)| base[*c as usize] = u32::MAX);
+            (row, len) = (row + rows.len(), len + next);
+        }
+        let Places { gather, tail, spread, .. } = &*places;
+        strips.push(Strip { row, gather: gather.len(), entry: tail.len(), spread: spread.len(), part: len });
+        self.parts = vec![[0.0; 9]; len];
+        // strips stay in their order
+        part.sort_by_key(|(c, _)| *c);
+        let starts = (0..=p.coarse_count as u32).map(|c| part.partition_point(|(row, _)| *row < c) as u32);
+        self.part_start = starts.collect();
+        self.part = part.into_iter().map(|(_, at)| at).collect();
+    }
+
+    pub fn interpolation(&self) -> &Weights {
         &self.p
     }
 
-    pub fn restriction(&self) -> &Interpolation {
+    pub fn restriction(&self) -> &Weights {
         &self.pt
     }
 
     /// Takes other weights on the same entries.
-    pub fn set_weights(&mut self, p: Interpolation) {
+    pub fn set_weights(&mut self, p: &Interpolation) {
         debug_assert_eq!((&p.start, &p.column), (&self.p.start, &self.p.column));
-        self.pt = p.transposed();
-        self.p = p;
+        self.pt = (&p.transposed()).into();
+        self.p = p.into();
     }
 
     /// The coarse pattern, as a system of its own: a row for each of `node`.
     pub fn coarse_pattern(&self, node: Vec<u32>) -> BlockRows {
-        let (row_start, column) = &self.coarse;
-        let diagonal = (0..self.p.coarse_count)
+        let Pattern { start, column } = &self.coarse;
+        let diagonal = (0..self.coarse.row_count())
             .map(|i| {
-                let row = row_start[i] as usize..row_start[i + 1] as usize;
-                let at = column[row.clone()].binary_search(&(i as u32));
-                (row.start + at.expect("a coarse node sees itself through any fine node it interpolates")) as u32
+                let at = self.coarse.columns(i).binary_search(&(i as u32));
+                start[i] + at.expect("a coarse node sees itself through any fine node it interpolates") as u32
             })
             .collect();
-        BlockRows { node, row_start: row_start.clone(), column: column.clone(), diagonal }
+        BlockRows { node, row_start: start.clone(), column: column.clone(), diagonal }
     }
 
     /// A block of the coarse pattern, as the last [`Self::refresh`] made it.
     pub fn coarse_block(&self, k: usize) -> [f32; 9] {
-        let m = self.upper_values[(self.source[k] & !MIRRORED) as usize];
+        let m = self.values[(self.source[k] & !MIRRORED) as usize];
         if self.source[k] < MIRRORED { m } else { [m[0], m[3], m[6], m[1], m[4], m[7], m[2], m[5], m[8]] }
     }
 
     /// Makes the coarse blocks for the fine ones, which are those of a symmetric matrix.
     pub fn refresh(&mut self, fine: &BlockRows, fine_block: &(impl Fn(usize) -> [f32; 9] + Sync)) {
-        let Self { p, pt, ap, upper, tail, ap_values, upper_values, .. } = self;
-        fill(0..ap.row_count(), ap_values, &FineTimesP { fine, fine_block, p, ap });
-        fill(0..upper.row_count(), upper_values, &Restrict { pt, ap, tail, ap_values, upper });
+        let mut parts = std::mem::take(&mut self.parts);
+        let at = |s: usize| self.strips[s].part;
+        divide(0..self.strips.len() - 1, 1, &at, &mut parts, &|strips, parts| {
+            for s in strips {
+                run_wide::<f32, _>(FillStrip { all: self, fine, fine_block, s, parts: &mut *parts });
+            }
+        });
+        let mut values = std::mem::take(&mut self.values);
+        let at = |c: usize| self.upper.start[c] as usize;
+        divide(0..self.upper.row_count(), ROWS, &at, &mut values, &|rows, values| {
+            run_wide::<f32, _>(AddParts { all: self, parts: &parts, rows, values });
+        });
+        (self.parts, self.values) = (parts, values);
     }
 }
 
-/// Rows of a sparse product, added up where they are wanted.
-trait Rows: Sync {
-    fn pattern(&self) -> &Product;
-    /// Adds row `i` to zeroed blocks. Must be `#[inline(always)]`.
-    fn add(&self, i: usize, out: &mut [[f32; 9]]);
+fn place_of(column: u32, columns: &[u32]) -> u16 {
+    columns.binary_search(&column).expect("the pattern holds every contribution") as u16
 }
 
-/// `A P`.
-struct FineTimesP<'a, F> {
+/// Hands ranges of at most `most` items, and the values that begin at `start` of each, to all threads; halves the work between them.
+/// (A recursion rather than a list of parts: it needs no memory.)
+fn divide<T: Send>(
+    range: Range<usize>,
+    most: usize,
+    start: &(impl Fn(usize) -> usize + Sync),
+    values: &mut [T],
+    work: &(impl Fn(Range<usize>, &mut [T]) + Sync),
+) {
+    if range.len() <= most {
+        return work(range, values);
+    }
+    let half = range.start + range.len() / 2;
+    let (a, b) = values.split_at_mut(start(half) - start(range.start));
+    rayon::join(|| divide(range.start..half, most, start, a, work), || divide(half..range.end, most, start, b, work));
+}
+
+/// What the rows of a strip add to coarse rows.
+struct FillStrip<'a, F> {
+    all: &'a Galerkin,
     fine: &'a BlockRows,
     fine_block: &'a F,
-    p: &'a Interpolation,
-    ap: &'a Product,
+    s: usize,
+    parts: &'a mut [[f32; 9]],
 }
 
-impl<F: Fn(usize) -> [f32; 9] + Sync> Rows for FineTimesP<'_, F> {
-    fn pattern(&self) -> &Product {
-        self.ap
-    }
-
+impl<F: Fn(usize) -> [f32; 9] + Sync> Kernel for FillStrip<'_, F> {
+    type Output = ();
     #[inline(always)]
-    fn add(&self, i: usize, out: &mut [[f32; 9]]) {
-        let mut at = self.ap.place_start[i] as usize;
-        for k in self.fine.row(i) {
-            let a = (self.fine_block)(k);
-            for e in self.p.row(self.fine.column[k] as usize) {
-                add(&mut out[self.ap.place[at] as usize], self.p.weight[e] as f32, &a);
-                at += 1;
+    fn run<const W: usize>(self) {
+        let Galerkin { p, order, places, strips, .. } = self.all;
+        let (strip, end) = (strips[self.s], strips[self.s + 1]);
+        let mut gather = places.gather[strip.gather..end.gather].iter();
+        let mut spread = places.spread[strip.spread..end.spread].iter();
+        let mut entries = places.tail[strip.entry..].iter().zip(&places.base[strip.entry..]);
+        let parts = self.parts;
+        parts.fill([0.0; 9]);
+        for (i, width) in order[strip.row..end.row].iter().zip(&places.width[strip.row..]) {
+            let (i, width) = (*i as usize, *width as usize);
+            parts[..width].fill([0.0; 9]);
+            for k in self.fine.row(i) {
+                let a = (self.fine_block)(k);
+                for (w, at) in p.weight[p.row(self.fine.column[k] as usize)].iter().zip(&mut gather) {
+                    add(&mut parts[*at as usize], *w, &a);
+                }
+            }
+            for (w, (tail, base)) in p.weight[p.row(i)].iter().zip(&mut entries) {
+                let (row, parts) = parts.split_at_mut(*base as usize);
+                for (a, at) in row[*tail as usize..width].iter().zip(&mut spread) {
+                    add(&mut parts[*at as usize], *w, a);
+                }
             }
         }
     }
 }
 
-/// `Pᵀ (A P)` from the diagonal on.
-struct Restrict<'a> {
-    pt: &'a Interpolation,
-    ap: &'a Product,
-    tail: &'a [u32],
-    ap_values: &'a [[f32; 9]],
-    upper: &'a Product,
+/// Sums the parts of some coarse rows.
+struct AddParts<'a> {
+    all: &'a Galerkin,
+    parts: &'a [[f32; 9]],
+    rows: Range<usize>,
+    values: &'a mut [[f32; 9]],
 }
 
-impl Rows for Restrict<'_> {
-    fn pattern(&self) -> &Product {
-        self.upper
-    }
-
+impl Kernel for AddParts<'_> {
+    type Output = ();
     #[inline(always)]
-    fn add(&self, i: usize, out: &mut [[f32; 9]]) {
-        let mut at = self.upper.place_start[i] as usize;
-        for k in self.pt.row(i) {
-            let end = self.ap.row_start[self.pt.column[k] as usize + 1] as usize;
-            for a in &self.ap_values[self.tail[k] as usize..end] {
-                add(&mut out[self.upper.place[at] as usize], self.pt.weight[k] as f32, a);
-                at += 1;
+    fn run<const W: usize>(self) {
+        let Galerkin { upper, part, part_start, .. } = self.all;
+        let mut rest = self.values;
+        for c in self.rows {
+            let (row, after) = rest.split_at_mut(upper.row(c).len());
+            rest = after;
+            row.fill([0.0; 9]);
+            for at in &part[part_start[c] as usize..part_start[c + 1] as usize] {
+                for (sum, a) in row.iter_mut().zip(&self.parts[*at as usize..]) {
+                    add(sum, 1.0, a);
+                }
             }
         }
     }
@@ -246,43 +347,12 @@ fn add(sum: &mut [f32; 9], w: f32, a: &[f32; 9]) {
     }
 }
 
-/// Makes the blocks of some rows on all threads; halves the work between them.
-fn fill<P: Rows>(range: Range<usize>, values: &mut [[f32; 9]], rows: &P) {
-    if range.len() > ROWS {
-        let half = range.start + range.len() / 2;
-        let start = &rows.pattern().row_start;
-        let (a, b) = values.split_at_mut((start[half] - start[range.start]) as usize);
-        rayon::join(|| fill(range.start..half, a, rows), || fill(half..range.end, b, rows));
-        return;
-    }
-    run_wide::<f32, _>(Fill { rows, range, values });
-}
-
-struct Fill<'a, P> {
-    rows: &'a P,
-    range: Range<usize>,
-    values: &'a mut [[f32; 9]],
-}
-
-impl<P: Rows> Kernel for Fill<'_, P> {
-    type Output = ();
-    #[inline(always)]
-    fn run<const W: usize>(self) {
-        let start = &self.rows.pattern().row_start;
-        let first = start[self.range.start];
-        self.values.fill([0.0; 9]);
-        for i in self.range {
-            self.rows.add(i, &mut self.values[(start[i] - first) as usize..(start[i + 1] - first) as usize]);
-        }
-    }
-}
-
 /// `out = Σ weight x` for every row of the interpolation, added to what is there.
-pub(super) fn interpolate_add(p: &Interpolation, x: &[[f32; 4]], out: &mut [[f32; 4]]) {
+pub(super) fn interpolate_add(p: &Weights, x: &[[f32; 4]], out: &mut [[f32; 4]]) {
     out.par_chunks_mut(ROWS).enumerate().for_each(|(c, out)| {
         for (i, out) in out.iter_mut().enumerate() {
             for k in p.row(c * ROWS + i) {
-                let (w, x) = (p.weight[k] as f32, x[p.column[k] as usize]);
+                let (w, x) = (p.weight[k], x[p.column[k] as usize]);
                 for j in 0..4 {
                     out[j] += w * x[j];
                 }
@@ -325,7 +395,7 @@ mod tests {
                 let (i, j) = (row_of(k), fine.column[k] as usize);
                 std::array::from_fn(|e| number(3 * i + e / 3, 3 * j + e % 3))
             };
-            let mut galerkin = Galerkin::new(&fine, p.clone());
+            let mut galerkin = Galerkin::new(&fine, &p);
             galerkin.refresh(&fine, &block);
             let mut dense = vec![vec![[0.0f64; 9]; p.coarse_count]; p.coarse_count];
             for i in 0..fine.row_count() {

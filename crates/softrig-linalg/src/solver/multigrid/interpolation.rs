@@ -136,6 +136,28 @@ impl Interpolation {
     }
 }
 
+/// An [`Interpolation`] as cycles use it, in f32.
+#[derive(Debug, Default)]
+pub(super) struct Weights {
+    pub start: Vec<u32>,
+    pub column: Vec<u32>,
+    pub weight: Vec<f32>,
+}
+
+impl Weights {
+    #[inline(always)]
+    pub fn row(&self, i: usize) -> std::ops::Range<usize> {
+        self.start[i] as usize..self.start[i + 1] as usize
+    }
+}
+
+impl From<&Interpolation> for Weights {
+    fn from(p: &Interpolation) -> Self {
+        let weight = p.weight.iter().map(|w| *w as f32).collect();
+        Self { start: p.start.clone(), column: p.column.clone(), weight }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
