@@ -110,17 +110,27 @@ impl<R: Scalar> Monolithic<R> {
         }
     }
 
-    /// What bones hold at the end of the step.
-    pub(super) fn hold(&mut self, body: &Body<R>, course: &Course<'_, R>) {
+    /// What bones hold at the end of the step: their flesh with what damps it, and what bound nodes have by themselves.
+    pub(super) fn hold(&mut self, body: &mut Body<R>, course: &Course<'_, R>) {
         let (input, h) = (course.input, course.input.dt);
+        for (d, (now, old)) in self.d.iter_mut().zip(self.now.iter().zip(&self.old)) {
+            *d = std::array::from_fn(|k| R::from_f64((now[k] - old[k]) / h));
+        }
+        let damping = body.increment(None, &self.d);
+        if damping.velocity.is_some() {
+            body.model.force(&self.x, damping, &mut self.force);
+        }
+        let extra = body.mass_damping.to_f64();
         self.load.clear();
         self.load.resize(self.now.len(), [0.0; 3]);
         for i in (0..self.now.len()).filter(|i| self.role[*i] == Role::Bound) {
             let m = body.mass[i].to_f64();
+            let drag = body.drag[i].to_f64() + extra * m;
             for k in 0..3 {
                 let velocity = (self.now[i][k] - self.old[i][k]) / h;
                 let inertia = (velocity - course.state.velocity[i][k].to_f64()) / h;
-                self.load[i][k] = input.external_force[i][k].to_f64() - self.force[i][k].to_f64() - m * inertia;
+                let f = input.external_force[i][k].to_f64() - self.force[i][k].to_f64();
+                self.load[i][k] = f - drag * velocity - m * inertia;
             }
         }
         for p in &self.pulls {

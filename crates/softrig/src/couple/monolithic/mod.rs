@@ -214,7 +214,7 @@ impl<R: Scalar> Monolithic<R> {
     }
 
     /// Force that bound flesh exerts on its bones at each node at the end of the last step that was asked for reactions [N]:
-    /// weight, pulls and inertia included, zero on free nodes.
+    /// weight, pulls, damping and inertia included, zero on free nodes.
     #[must_use]
     pub fn load(&self) -> &[[f64; 3]] {
         &self.load
