@@ -4,10 +4,12 @@
 mod support;
 
 mod analytic;
+mod balance;
 mod chain;
 mod couple;
 mod cycles;
 mod exchange;
+mod goals;
 mod golden;
 mod hard;
 mod lead;
@@ -17,3 +19,4 @@ mod odd_rigs;
 mod rig;
 mod staggered;
 mod twoway;
+mod undone;

@@ -37,28 +37,28 @@ fn chain(lengths: &[f64], local: impl Fn(usize) -> Transform) -> Skeleton {
     Skeleton::new(joints, Affine::IDENTITY).unwrap()
 }
 
-fn straight(lengths: &[f64]) -> Skeleton {
+pub fn straight(lengths: &[f64]) -> Skeleton {
     chain(lengths, |_| Transform::default())
 }
 
-fn hinge(range: [f64; 2]) -> JointSetup {
+pub fn hinge(range: [f64; 2]) -> JointSetup {
     JointSetup { kind: JointKind::Hinge { axis: [0.0, 0.0, 1.0], range }, drive: 0.0, ..JointSetup::default() }
 }
 
-fn ball(cone: f64, twist: [f64; 2]) -> JointSetup {
+pub fn ball(cone: f64, twist: [f64; 2]) -> JointSetup {
     JointSetup { kind: JointKind::Ball { axis: [1.0, 0.0, 0.0], cone, twist }, drive: 0.0, ..JointSetup::default() }
 }
 
 /// An articulation with its rest pose as the clip's.
-struct Rig {
-    skeleton: Skeleton,
-    articulation: Articulation,
-    base: Base,
-    configuration: Configuration,
+pub struct Rig {
+    pub skeleton: Skeleton,
+    pub articulation: Articulation,
+    pub base: Base,
+    pub configuration: Configuration,
 }
 
 impl Rig {
-    fn new(skeleton: Skeleton, mut setups: Vec<JointSetup>, root: RootKind) -> Self {
+    pub fn new(skeleton: Skeleton, mut setups: Vec<JointSetup>, root: RootKind) -> Self {
         setups.resize(skeleton.joint_count(), JointSetup::default());
         let roots = if root == RootKind::Driven { vec![] } else { vec![JointId(0)] };
         let articulation = Articulation::new(&skeleton, setups, &roots, root).unwrap();
@@ -69,18 +69,18 @@ impl Rig {
         Self { skeleton, articulation, base, configuration }
     }
 
-    fn pose(&self, configuration: &Configuration) -> Pose {
+    pub fn pose(&self, configuration: &Configuration) -> Pose {
         let mut pose = Pose::default();
         self.articulation.pose_into(&self.skeleton, &self.base, configuration, &mut pose);
         pose
     }
 
-    fn place(&self, joint: u32) -> DVec3 {
+    pub fn place(&self, joint: u32) -> DVec3 {
         DVec3::from(self.pose(&self.configuration).joint(JointId(joint)).translation)
     }
 }
 
-fn goal(joint: u32, position: [f64; 3]) -> Goal {
+pub fn goal(joint: u32, position: [f64; 3]) -> Goal {
     Goal { joint: JointId(joint), position, weight: 1.0 }
 }
 
