@@ -4,12 +4,13 @@
 //! in chunk order. The thread count is that of the surrounding rayon pool.
 
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Items per chunk of a reduction: fixed, so that the order of additions is.
 pub const CHUNK: usize = 1024;
 
 /// Sums `f(range)` over consecutive ranges of `CHUNK` items of `0..len`, in f64 and always in the same order.
-pub fn sum(len: usize, f: impl Fn(std::ops::Range<usize>) -> f64 + Sync) -> f64 {
+pub fn sum(len: usize, f: impl Fn(Range<usize>) -> f64 + Sync) -> f64 {
     let chunks = len.div_ceil(CHUNK);
     if chunks <= 1 {
         return f(0..len);
@@ -28,6 +29,23 @@ pub fn sum(len: usize, f: impl Fn(std::ops::Range<usize>) -> f64 + Sync) -> f64 
         }
     }
     total
+}
+
+/// Hands ranges of at most `most` items, with the values that begin at `start` of their first one, to all threads; halves the work
+/// between them. (A recursion rather than a list of parts: it needs no memory.)
+pub fn divide<T: Send>(
+    range: Range<usize>,
+    most: usize,
+    start: &(impl Fn(usize) -> usize + Sync),
+    values: &mut [T],
+    work: &(impl Fn(Range<usize>, &mut [T]) + Sync),
+) {
+    if range.len() <= most.max(1) {
+        return work(range, values);
+    }
+    let half = range.start + range.len() / 2;
+    let (a, b) = values.split_at_mut(start(half) - start(range.start));
+    rayon::join(|| divide(range.start..half, most, start, a, work), || divide(half..range.end, most, start, b, work));
 }
 
 #[cfg(test)]

@@ -1,20 +1,19 @@
 //! Products with a [`CubeMatrix`] on its free nodes, without assembling it.
 //!
-//! Two owner-computes passes: every cube computes the forces on its corners, then every node adds up those of its cubes, in a
-//! fixed order.
+//! Two passes: every chunk of cubes adds up the forces on its corners, then every node adds those of its chunks, in a fixed order.
 
 use super::free::FreePattern;
 use super::pcg::kernel::{Inverse, StoreAndDot, inverse_of_block};
 use super::sliced::RowWork;
 use crate::cubes::{CORNER, corner_factors, corners, mode_factor, modes, stiffness};
-use crate::{CubeMatrix, CubePattern, Kernel, Lane, Mat3, Scalar, Vec3, Wide, run_wide};
+use crate::{CELLS, CubeMatrix, CubePattern, Kernel, Lane, Mat3, Scalar, Scatter, Vec3, Wide, run_wide};
 use rayon::prelude::*;
 use std::sync::Arc;
 
 /// Cubes side by side in memory: a multiple of every register's lanes.
 const BLOCK: usize = 16;
-/// Blocks per task.
-const TASK: usize = 16;
+/// Blocks per chunk.
+const TASK: usize = CELLS / BLOCK;
 /// Rows per task, and per partial sum of [`super::pcg`].
 pub(in crate::solver) const ROWS: usize = 256;
 
@@ -33,8 +32,9 @@ struct CubeBlock<A> {
 #[derive(Debug)]
 pub(in crate::solver) struct FreeCubes<A> {
     blocks: Vec<CubeBlock<A>>,
-    /// Force on each corner of each cube.
-    force: Vec<[[A; 4]; 8]>,
+    /// Forces of the last product, which the nodes add up.
+    scatter: Scatter<8>,
+    force: Vec<[A; 4]>,
     diagonal: Vec<A>,
     pattern: Arc<CubePattern>,
     /// cube * 8 + corner of the corners at each row.
@@ -78,14 +78,17 @@ impl<A: Scalar> FreeCubes<A> {
                 }),
             })
             .collect::<Vec<_>>();
-        let force = vec![[[A::zero(); 4]; 8]; blocks.len() * BLOCK];
-        Self { blocks, force, diagonal: vec![A::zero(); rows], pattern: pattern.clone(), slot_start, slot }
+        let corners: Vec<[u32; 8]> =
+            (0..blocks.len() * BLOCK).map(|cell| blocks[cell / BLOCK].row.map(|row| row[cell % BLOCK])).collect();
+        let scatter = Scatter::new(rows, &corners);
+        let force = vec![[A::zero(); 4]; scatter.part_count()];
+        Self { blocks, scatter, force, diagonal: vec![A::zero(); rows], pattern: pattern.clone(), slot_start, slot }
     }
 
     /// What a product reads and writes [bytes].
     pub fn bytes(&self) -> usize {
         let forces = 2 * size_of_val(&self.force[..]);
-        size_of_val(&self.blocks[..]) + forces + size_of_val(&self.slot[..]) + size_of_val(&self.diagonal[..])
+        size_of_val(&self.blocks[..]) + forces + self.scatter.bytes() + size_of_val(&self.diagonal[..])
     }
 
     pub fn belongs_to(&self, pattern: &Arc<CubePattern>) -> bool {
@@ -169,12 +172,11 @@ impl<A: Scalar> FreeCubes<A> {
     /// Hands the `rows` rows of chunk `c` of the product with `x`, whose corner forces must be there, to `work`.
     #[inline(always)]
     pub fn for_rows(&self, c: usize, x: &[[A; 4]], rows: usize, work: &mut impl RowWork<A>) {
-        let force = self.force.as_flattened();
         for k in 0..rows {
             let row = c * ROWS + k;
             let mut sum = Wide(x[row]) * Wide::splat(self.diagonal[row]);
-            for slot in self.slots(row) {
-                sum += Wide(force[*slot as usize]);
+            for part in self.scatter.parts(row) {
+                sum += Wide(self.force[*part as usize]);
             }
             work.row(k, sum);
         }
@@ -183,16 +185,20 @@ impl<A: Scalar> FreeCubes<A> {
     /// Forces of all cubes on their corners, for [`Self::for_rows`].
     pub fn corner_forces(&mut self, x: &[[A; 4]]) {
         assert!(x.len() == self.diagonal.len() + 1);
-        let tasks = self.blocks.par_chunks(TASK).zip(self.force.par_chunks_mut(TASK * BLOCK));
-        tasks.for_each(|(blocks, force)| run_wide::<A, _>(Forces { blocks, x, force }));
+        let Self { blocks, scatter, force, .. } = self;
+        scatter.for_chunks(force, |c, local, force| {
+            let blocks = &blocks[c * TASK..((c + 1) * TASK).min(blocks.len())];
+            run_wide::<A, _>(Forces { blocks, x, local, force });
+        });
     }
 }
 
-/// Forces of a task's cubes on their corners.
+/// Forces of a chunk's cubes on their corners.
 struct Forces<'a, A> {
     blocks: &'a [CubeBlock<A>],
     x: &'a [[A; 4]],
-    force: &'a mut [[[A; 4]; 8]],
+    local: &'a [[u16; 8]],
+    force: &'a mut [[A; 4]],
 }
 
 /// Three components of the corner vectors of a block.
@@ -210,7 +216,8 @@ impl<A: Scalar> Kernel for Forces<'_, A> {
         if let Some(block) = self.blocks.first() {
             fetch(block, self.x, &mut fetched[0]);
         }
-        for (k, force) in self.force.as_chunks_mut::<BLOCK>().0.iter_mut().enumerate() {
+        self.force.fill([A::zero(); 4]);
+        for (k, local) in self.local.as_chunks::<BLOCK>().0.iter().enumerate() {
             if let Some(block) = self.blocks.get(k + 1) {
                 fetch(block, self.x, &mut fetched[(k + 1) % 2]);
             }
@@ -220,7 +227,7 @@ impl<A: Scalar> Kernel for Forces<'_, A> {
             for first in (0..BLOCK).step_by(W) {
                 cubes::<A, W>(block, first, u, &mut out);
             }
-            hand_out(std::hint::black_box(&out), force);
+            hand_out(std::hint::black_box(&out), local, self.force);
         }
     }
 }
@@ -240,13 +247,14 @@ fn fetch<A: Scalar>(block: &CubeBlock<A>, x: &[[A; 4]], u: &mut Corners<A>) {
 }
 
 #[inline(always)]
-fn hand_out<A: Scalar>(f: &Corners<A>, force: &mut [[[A; 4]; 8]; BLOCK]) {
+fn hand_out<A: Scalar>(f: &Corners<A>, local: &[[u16; 8]; BLOCK], force: &mut [[A; 4]]) {
     for a in 0..8 {
         for first in (0..BLOCK).step_by(4) {
             let part = |c: usize| &f[c][a].as_chunks::<4>().0[first / 4];
             let quads = A::transposed([part(0), part(1), part(2), &[A::zero(); 4]]);
             for l in 0..4 {
-                force[first + l][a] = quads[l];
+                let to = &mut force[local[first + l][a] as usize];
+                *to = (Wide(*to) + Wide(quads[l])).0;
             }
         }
     }

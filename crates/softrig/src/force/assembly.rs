@@ -3,21 +3,19 @@
 //! No two threads write the same number and every sum has a fixed order, so results are bitwise equal for any thread count.
 #![allow(non_snake_case, reason = "symbols of the continuum mechanics literature")]
 
-use super::hex::HexShape;
+use super::hex::{HexBlock, HexShape, columns};
+use super::incidence::{Cells, GROUP, GROUPS, Incidence, Strips};
+use super::tet::{BLOCK, TetBlock, warp};
 use rayon::prelude::*;
-use softrig_linalg::{BlockPattern, Kernel, Lane, Scalar, Wide, run_wide};
+use softrig_linalg::{BlockPattern, Kernel, Lane, Scalar, Scatter, Wide, par, run_wide};
 use std::ops::Range;
 
 /// Most blocks of a row: their places are counted in 16 bits.
 pub(crate) const LONGEST_ROW: usize = 1 << 16;
-/// Rows per task handed to a thread.
-const ROWS: usize = 128;
+/// Strips of rows per task handed to a thread.
+const STRIPS: usize = 2;
 /// Blocks of a row that are summed at once; longer rows are done window by window.
 const WINDOW: usize = 64;
-/// Cells fetched together, so that the memory works on all of them at once: the cells of a node are scattered, and waiting for
-/// one after the other took half of the assembly's time.
-const TOGETHER: usize = 16;
-
 /// What is added to the internal force: `K d + C v` with the stiffness-proportional part `C` of the damping.
 #[derive(Clone, Copy, Debug)]
 pub struct Increment<'a, R> {
@@ -37,70 +35,23 @@ impl<R: Scalar> Increment<'_, R> {
     }
 }
 
-/// The corners of cells that meet at each node, for cells of `N` corners.
-#[derive(Clone, Debug)]
-pub(super) struct Incidence<const N: usize> {
-    start: Vec<u32>,
-    /// cell * N + corner, ascending at each node.
-    slot: Vec<u32>,
-    /// Where the blocks (node, corner b of the cell) are, counted from the start of the node's row.
-    block: Vec<[u16; N]>,
-}
-
-impl<const N: usize> Incidence<N> {
-    pub(super) fn new(node_count: usize, cells: &[[u32; N]], pattern: &BlockPattern) -> Self {
-        let mut start = vec![0u32; node_count + 1];
-        for n in cells.iter().flatten() {
-            start[*n as usize + 1] += 1;
-        }
-        for i in 0..node_count {
-            start[i + 1] += start[i];
-        }
-        let mut next = start.clone();
-        let mut slot = vec![0; cells.len() * N];
-        for (k, n) in cells.iter().flatten().enumerate() {
-            let at = &mut next[*n as usize];
-            slot[*at as usize] = k as u32;
-            *at += 1;
-        }
-        let mut block = Vec::with_capacity(slot.len());
-        for i in 0..node_count {
-            for &s in &slot[start[i] as usize..start[i + 1] as usize] {
-                block.push(cells[s as usize / N].map(|n| {
-                    let at = pattern.find(i, n as usize).expect("the pattern was made from these cells");
-                    u16::try_from(at - pattern.row(i).start).expect("a body has no longer rows")
-                }));
-            }
-        }
-        Self { start, slot, block }
-    }
-
-    #[inline(always)]
-    fn at(&self, node: usize) -> Range<usize> {
-        self.start[node] as usize..self.start[node + 1] as usize
-    }
-}
-
-/// Sums corner forces into node forces, overwriting `force`.
+/// Sums the parts of the nodes into their forces, overwriting `force`.
 pub(super) fn gather_forces<R: Scalar>(
-    tets: &Incidence<4>,
-    tet_force: &[[[R; 3]; 4]],
-    hexes: &Incidence<8>,
-    hex_force: &[[[R; 3]; 8]],
+    tets: (&Scatter<4>, &[[R; 4]]),
+    hexes: (&Scatter<8>, &[[R; 4]]),
     force: &mut [[R; 3]],
 ) {
     force.par_chunks_mut(1024).enumerate().for_each(|(chunk, out)| {
         for (k, f) in out.iter_mut().enumerate() {
             let node = chunk * 1024 + k;
-            let mut sum = [R::zero(); 3];
-            let mut add = |f: [R; 3]| (0..3).for_each(|c| sum[c] += f[c]);
-            for &s in &tets.slot[tets.at(node)] {
-                add(tet_force[s as usize / 4][s as usize % 4]);
+            let mut sum = Wide([R::zero(); 4]);
+            for part in tets.0.parts(node) {
+                sum += Wide(tets.1[*part as usize]);
             }
-            for &s in &hexes.slot[hexes.at(node)] {
-                add(hex_force[s as usize / 8][s as usize % 8]);
+            for part in hexes.0.parts(node) {
+                sum += Wide(hexes.1[*part as usize]);
             }
-            *f = sum;
+            *f = [sum.0[0], sum.0[1], sum.0[2]];
         }
     });
 }
@@ -108,13 +59,14 @@ pub(super) fn gather_forces<R: Scalar>(
 /// What the stiffness rows read.
 pub(super) struct Rows<'a, R> {
     pub pattern: &'a BlockPattern,
-    /// R g_a of corners 1, 2, 3 of each tetrahedron; fourth places: V lam, V mu, b.
-    pub tets: &'a Incidence<4>,
-    pub warped: &'a [[[R; 4]; 3]],
-    /// Columns of R of each hexahedron; fourth places: factor on the shape's stiffness, b.
+    pub strips: &'a Strips,
+    pub tet_blocks: &'a [TetBlock<R>],
+    pub tet_q: &'a [[[R; BLOCK]; 4]],
+    /// lam / mu, where it is the same for all tetrahedra.
+    pub ratio: Option<R>,
     pub hexes: &'a Incidence<8>,
-    pub rotation: &'a [[[R; 4]; 3]],
-    pub shape_of: &'a [u32],
+    pub hex_blocks: &'a [HexBlock<R>],
+    pub hex_q: &'a [[[R; BLOCK]; 4]],
     pub shapes: &'a [HexShape<R>],
     /// The matrix is the sum of (1 + rate (b + damping)) K over the cells.
     pub rate: R,
@@ -124,62 +76,66 @@ pub(super) struct Rows<'a, R> {
 impl<R: Scalar> Rows<'_, R> {
     /// Writes all blocks.
     pub(super) fn write(&self, values: &mut [[R; 9]]) {
-        let rows = self.pattern.row_count();
-        // blocks of consecutive rows are consecutive: hand each task its own part of the matrix
-        split_rows(self, 0..rows, values);
+        let start = |strip: usize| self.pattern.row_start()[self.strips.nodes(strip).start] as usize;
+        par::divide(0..self.strips.count(), STRIPS, &start, values, &|strips, values| {
+            run_wide::<R, _>(RowKernel { rows: self, strips, values });
+        });
     }
-}
-
-/// Halves the rows until a task's worth is left. (A recursion rather than a list of parts: it needs no memory.)
-fn split_rows<R: Scalar>(rows: &Rows<'_, R>, range: Range<usize>, values: &mut [[R; 9]]) {
-    if range.len() <= ROWS {
-        run_wide::<R, _>(RowKernel { rows, range, values });
-        return;
-    }
-    let middle = range.start + range.len() / 2;
-    let start = rows.pattern.row_start();
-    let (left, right) = values.split_at_mut((start[middle] - start[range.start]) as usize);
-    let end = range.end;
-    rayon::join(|| split_rows(rows, range.start..middle, left), || split_rows(rows, middle..end, right));
 }
 
 struct RowKernel<'a, R> {
     rows: &'a Rows<'a, R>,
-    range: Range<usize>,
+    strips: Range<usize>,
     values: &'a mut [[R; 9]],
 }
 
 type Quad<R> = Wide<R, 4>;
+/// Rotated gradients and constants of the cells of a strip.
+type Warped<R> = [[[R; 4]; 3]; GROUPS * GROUP];
 
 impl<R: Scalar> Kernel for RowKernel<'_, R> {
     type Output = ();
-    /// Rows of 3x3 blocks as four lanes, the fourth idle: the width of the machine does not matter here.
+    /// Rows of 3x3 blocks as four lanes, the fourth idle; cells are turned as many at a time as the machine likes.
     #[inline(always)]
     fn run<const W: usize>(self) {
+        let Self { rows, strips, values } = self;
         let zero = Quad::<R>::splat(R::zero());
-        let first = self.rows.pattern.row_start()[self.range.start] as usize;
+        let mut warped: Warped<R> = [[[R::zero(); 4]; 3]; GROUPS * GROUP];
         let mut sums = [[zero; 3]; WINDOW];
-        for node in self.range.clone() {
-            let row = self.rows.pattern.row(node);
-            let own = self.rows.pattern.diagonal()[node] as usize - row.start;
-            // K maps rigid translations to zero: the diagonal is minus the sum of the others
-            let mut diagonal = [zero; 3];
-            for window in (0..row.len()).step_by(WINDOW) {
-                let len = (row.len() - window).min(WINDOW);
-                sums[..len].fill([zero; 3]);
-                tet_row(self.rows, node, window, &mut sums);
-                hex_row(self.rows, node, window, &mut sums);
-                for k in 0..len {
-                    if window + k != own {
-                        let s = sums[k];
-                        for i in 0..3 {
-                            diagonal[i] -= s[i];
-                        }
-                        self.values[row.start + window + k - first] = flat(s);
-                    }
+        let mut rest = values;
+        for strip in strips {
+            if let Cells::Groups(groups) = rows.strips.cells(strip) {
+                for (group, out) in groups.iter().zip(warped.as_chunks_mut::<GROUP>().0) {
+                    warp::<R, W>(rows.tet_blocks, rows.tet_q, *group as usize, out);
                 }
             }
-            self.values[row.start + own - first] = flat(diagonal);
+            for node in rows.strips.nodes(strip) {
+                let row = rows.pattern.row(node);
+                let (values, after) = rest.split_at_mut(row.len());
+                rest = after;
+                let own = rows.pattern.diagonal()[node] as usize - row.start;
+                // K maps rigid translations to zero: the diagonal is minus the sum of the others
+                let mut diagonal = [zero; 3];
+                for window in (0..row.len()).step_by(WINDOW) {
+                    let len = (row.len() - window).min(WINDOW);
+                    sums[..len].fill([zero; 3]);
+                    match rows.strips.cells(strip) {
+                        Cells::Groups(_) => tet_row(rows, node, window, &warped, &mut sums[..len]),
+                        Cells::Crowded(slots) => crowded_row(rows, slots, node, window, &mut sums),
+                    }
+                    hex_row(rows, node, window, &mut sums);
+                    for k in 0..len {
+                        if window + k != own {
+                            let s = sums[k];
+                            for i in 0..3 {
+                                diagonal[i] -= s[i];
+                            }
+                            values[window + k] = flat(s);
+                        }
+                    }
+                }
+                values[own] = flat(diagonal);
+            }
         }
     }
 }
@@ -190,39 +146,95 @@ fn flat<R: Scalar>(s: [Quad<R>; 3]) -> [R; 9] {
     [a[0], a[1], a[2], b[0], b[1], b[2], c[0], c[1], c[2]]
 }
 
-/// K_ab = V (lam g_a g_bᵀ + mu g_b g_aᵀ + mu (g_a . g_b) I) with the rotated gradients.
+/// Blocks of a row from the cells of its strip.
 #[inline(always)]
-fn tet_row<R: Scalar>(rows: &Rows<'_, R>, node: usize, window: usize, sums: &mut [[Quad<R>; 3]; WINDOW]) {
-    let (o, l) = (R::zero(), R::one());
-    let units = [Wide([l, o, o, o]), Wide([o, l, o, o]), Wide([o, o, l, o])];
-    let range = rows.tets.at(node);
-    let (slots, blocks) = (&rows.tets.slot[range.clone()], &rows.tets.block[range]);
-    let mut near = [[[R::zero(); 4]; 3]; TOGETHER];
-    for (slots, blocks) in slots.chunks(TOGETHER).zip(blocks.chunks(TOGETHER)) {
-        for (near, slot) in near.iter_mut().zip(slots) {
-            *near = rows.warped[*slot as usize / 4];
+fn tet_row<R: Scalar>(rows: &Rows<'_, R>, node: usize, window: usize, warped: &Warped<R>, sums: &mut [[Quad<R>; 3]]) {
+    let (slots, blocks) = rows.strips.at(node);
+    let Some(ratio) = rows.ratio else {
+        for (slot, block) in slots.iter().zip(blocks) {
+            let (cell, a) = (*slot as usize / 4, *slot as usize % 4);
+            add_tet(rows, &warped[cell], a, block, window, sums);
         }
-        for ((g, slot), block) in near.iter().zip(slots).zip(blocks) {
-            let a = *slot as usize % 4;
-            let factor = R::one() + rows.rate * (g[2][3] + rows.damping);
-            let (lambda, mu) = (g[0][3] * factor, g[1][3] * factor);
-            // the gradients of all corners add up to nothing
-            let g = [(-(Wide(g[0]) + Wide(g[1]) + Wide(g[2]))).0, g[0], g[1], g[2]];
-            let ga = g[a];
-            let mga = Wide([ga[0] * mu, ga[1] * mu, ga[2] * mu, R::zero()]);
-            let lga = [ga[0] * lambda, ga[1] * lambda, ga[2] * lambda];
-            for b in 0..4 {
-                let at = (block[b] as usize).wrapping_sub(window);
-                if b == a || at >= WINDOW {
-                    continue;
-                }
-                let gb = g[b];
-                let dot = gb[0] * mga.0[0] + gb[1] * mga.0[1] + gb[2] * mga.0[2];
-                let sum = &mut sums[at];
+        return;
+    };
+    // with lam = ratio mu everywhere, G = Σ V mu g_a g_bᵀ has it all: K_ab = ratio G + Gᵀ + tr(G) I. A third of the work.
+    for (slot, block) in slots.iter().zip(blocks) {
+        let (g, a) = (&warped[*slot as usize / 4], *slot as usize % 4);
+        let mu = g[1][3] * (R::one() + rows.rate * (g[2][3] + rows.damping));
+        let g = all_gradients(g);
+        let mga = [g[a][0] * mu, g[a][1] * mu, g[a][2] * mu];
+        for k in 1..4 {
+            let b = (a + k) % 4;
+            if let Some(sum) = sums.get_mut((block[b] as usize).wrapping_sub(window)) {
+                let gb = Wide(g[b]);
                 for i in 0..3 {
-                    sum[i] += Wide(gb) * Wide::splat(lga[i]) + mga * Wide::splat(gb[i]) + units[i] * Wide::splat(dot);
+                    sum[i] += gb * Wide::splat(mga[i]);
                 }
             }
+        }
+    }
+    let (ratio, zero) = (Wide::splat(ratio), R::zero());
+    for sum in sums.iter_mut() {
+        let [x, y, z] = *sum;
+        let transposed = R::transposed([&x.0, &y.0, &z.0, &[zero; 4]]);
+        let trace = x.0[0] + y.0[1] + z.0[2];
+        let added = [[trace, zero, zero, zero], [zero, trace, zero, zero], [zero, zero, trace, zero]];
+        for i in 0..3 {
+            sum[i] = ratio * sum[i] + Wide(transposed[i]) + Wide(added[i]);
+        }
+    }
+}
+
+/// The gradients of all corners: they add up to nothing.
+#[inline(always)]
+fn all_gradients<R: Scalar>(g: &[[R; 4]; 3]) -> [[R; 4]; 4] {
+    [(-(Wide(g[0]) + Wide(g[1]) + Wide(g[2]))).0, g[0], g[1], g[2]]
+}
+
+/// Blocks of a row with more cells than a strip may have. Out of line: meshes have none, or few.
+#[inline(never)]
+fn crowded_row<R: Scalar>(
+    rows: &Rows<'_, R>,
+    slots: &[u32],
+    node: usize,
+    window: usize,
+    sums: &mut [[Quad<R>; 3]; WINDOW],
+) {
+    let mut near = [[[R::zero(); 4]; 3]; GROUP];
+    for (slot, block) in slots.iter().zip(rows.strips.at(node).1) {
+        let (cell, a) = (*slot as usize / 4, *slot as usize % 4);
+        warp::<R, 1>(rows.tet_blocks, rows.tet_q, cell / GROUP, &mut near);
+        add_tet(rows, &near[cell % GROUP], a, block, window, sums);
+    }
+}
+
+/// K_ab = V (lam g_a g_bᵀ + mu g_b g_aᵀ + mu (g_a . g_b) I) with the rotated gradients `g`.
+#[inline(always)]
+fn add_tet<R: Scalar>(
+    rows: &Rows<'_, R>,
+    g: &[[R; 4]; 3],
+    a: usize,
+    block: &[u16; 4],
+    window: usize,
+    sums: &mut [[Quad<R>; 3]],
+) {
+    let (o, l) = (R::zero(), R::one());
+    let units = [Wide([l, o, o, o]), Wide([o, l, o, o]), Wide([o, o, l, o])];
+    let factor = R::one() + rows.rate * (g[2][3] + rows.damping);
+    let (lambda, mu) = (g[0][3] * factor, g[1][3] * factor);
+    let g = all_gradients(g);
+    let ga = g[a];
+    let mga = Wide([ga[0] * mu, ga[1] * mu, ga[2] * mu, R::zero()]);
+    let lga = [ga[0] * lambda, ga[1] * lambda, ga[2] * lambda];
+    for b in 0..4 {
+        if b == a {
+            continue;
+        }
+        let Some(sum) = sums.get_mut((block[b] as usize).wrapping_sub(window)) else { continue };
+        let gb = g[b];
+        let dot = gb[0] * mga.0[0] + gb[1] * mga.0[1] + gb[2] * mga.0[2];
+        for i in 0..3 {
+            sum[i] += Wide(gb) * Wide::splat(lga[i]) + mga * Wide::splat(gb[i]) + units[i] * Wide::splat(dot);
         }
     }
 }
@@ -230,13 +242,14 @@ fn tet_row<R: Scalar>(rows: &Rows<'_, R>, node: usize, window: usize, sums: &mut
 /// K_ab = R Ke_ab Rᵀ.
 #[inline(always)]
 fn hex_row<R: Scalar>(rows: &Rows<'_, R>, node: usize, window: usize, sums: &mut [[Quad<R>; 3]; WINDOW]) {
-    for k in rows.hexes.at(node) {
-        let slot = rows.hexes.slot[k] as usize;
+    let (slots, blocks) = rows.hexes.at(node);
+    for (slot, block) in slots.iter().zip(blocks) {
+        let slot = *slot as usize;
         let (cell, a) = (slot / 8, slot % 8);
-        let columns = &rows.rotation[cell];
+        let (columns, shape) = columns(rows.hex_blocks, rows.hex_q, cell);
         let scale = columns[0][3] * (R::one() + rows.rate * (columns[1][3] + rows.damping));
         let transposed = [Wide(columns[0]), Wide(columns[1]), Wide(columns[2])];
-        let shape = &rows.shapes[rows.shape_of[cell] as usize];
+        let shape = &rows.shapes[shape as usize];
         // rows of scale * R
         let mut rot = [[R::zero(); 3]; 3];
         for i in 0..3 {
@@ -245,7 +258,7 @@ fn hex_row<R: Scalar>(rows: &Rows<'_, R>, node: usize, window: usize, sums: &mut
             }
         }
         for b in 0..8 {
-            let at = (rows.hexes.block[k][b] as usize).wrapping_sub(window);
+            let at = (block[b] as usize).wrapping_sub(window);
             if b == a || at >= WINDOW {
                 continue;
             }

@@ -5,13 +5,14 @@
 //! identity the same code is linear elasticity.
 
 use super::ForceModel;
-use super::assembly::{Incidence, Increment, Rows, gather_forces};
+use super::assembly::{Increment, Rows, gather_forces};
 use super::hex::{self, HexBlock, HexConstants, HexShape};
+use super::incidence::{Incidence, Strips};
 use super::tet::{self, BLOCK, TASK, TetBlock, TetConstants, tet_gradients};
 use crate::material::MaterialMap;
 use crate::mesh::VolumeMesh;
 use rayon::prelude::*;
-use softrig_linalg::{BlockCsr, BlockPattern, CubeMatrix, CubePattern, Scalar, either, par, run_wide};
+use softrig_linalg::{BlockCsr, BlockPattern, CELLS, CubeMatrix, CubePattern, Scalar, Scatter, either, par, run_wide};
 use std::collections::HashMap;
 use std::sync::Arc;
 
@@ -34,18 +35,20 @@ pub struct Corotated<R> {
     tet_nodes: Vec<[u32; 4]>,
     tets: Vec<TetBlock<R>>,
     tet_q: Vec<[[R; BLOCK]; 4]>,
+    /// lam / mu, where it is the same for all tetrahedra.
+    ratio: Option<R>,
     hex_nodes: Vec<[u32; 8]>,
     hexes: Vec<HexBlock<R>>,
     hex_q: Vec<[[R; BLOCK]; 4]>,
     shapes: Vec<HexShape<R>>,
-    shape_of: Vec<u32>,
-    // scratch: forces on corners, or what the assembly reads
-    tet_force: Vec<[[R; 3]; 4]>,
-    hex_force: Vec<[[R; 3]; 8]>,
-    energy: Vec<R>,
+    // forces and energies of chunks of cells, on their way to the nodes
+    tet_scatter: Scatter<4>,
+    tet_parts: Vec<[R; 4]>,
+    hex_scatter: Scatter<8>,
+    hex_parts: Vec<[R; 4]>,
     // nodes to cells
     pattern: Arc<BlockPattern>,
-    tet_incidence: Incidence<4>,
+    strips: Strips,
     hex_incidence: Incidence<8>,
     cubes: Option<Arc<CubePattern>>,
     saved: Vec<[[R; BLOCK]; 4]>,
@@ -95,20 +98,23 @@ impl<R: Scalar> Corotated<R> {
             .collect();
         let identity = [[R::zero(); BLOCK], [R::zero(); BLOCK], [R::zero(); BLOCK], [R::one(); BLOCK]];
         let nodes = mesh.node_count();
+        let (tet_scatter, hex_scatter) = (Scatter::new(nodes, &tet_nodes), Scatter::new(nodes, &mesh.hexes));
+        let parts = |count: usize| vec![[R::zero(); 4]; count];
         let mut model = Self {
             rotations,
             damped: tets.iter().any(|t| t.damping != 0.0) || hexes.iter().any(|h| h.damping != 0.0),
             tets: tets.chunks(BLOCK).map(TetBlock::new).collect(),
             tet_q: vec![identity; tets.len().div_ceil(BLOCK)],
+            ratio: ratio(&tets),
             hexes: hexes.chunks(BLOCK).map(HexBlock::new).collect(),
             hex_q: vec![identity; hexes.len().div_ceil(BLOCK)],
-            shape_of: hexes.iter().map(|h| h.shape).collect(),
             cubes: cube_pattern(mesh, &shapes),
             shapes,
-            tet_force: vec![[[R::zero(); 3]; 4]; tets.len()],
-            hex_force: vec![[[R::zero(); 3]; 8]; hexes.len()],
-            energy: vec![R::zero(); mesh.cell_count()],
-            tet_incidence: Incidence::new(nodes, &tet_nodes, &pattern),
+            tet_parts: parts(tet_scatter.part_count()),
+            tet_scatter,
+            hex_parts: parts(hex_scatter.part_count()),
+            hex_scatter,
+            strips: Strips::new(Incidence::new(nodes, &tet_nodes, &pattern)),
             hex_incidence: Incidence::new(nodes, &mesh.hexes, &pattern),
             tet_order,
             tet_nodes,
@@ -136,10 +142,18 @@ fn write_columns<R: Scalar>(hexes: &[HexBlock<R>], q: &[[[R; BLOCK]; 4]], column
     all.for_each(|((blocks, q), columns)| run_wide::<R, _>(hex::Columns { blocks, q, columns }));
 }
 
-/// Three times four numbers for each of `count` cells, in the memory of their corner forces: the two are never wanted together.
-fn quads<R: Scalar, const N: usize>(force: &mut [[[R; 3]; N]], count: usize) -> &mut [[[R; 4]; 3]] {
-    let all = force.as_flattened_mut().as_flattened_mut();
-    &mut all.as_chunks_mut::<4>().0.as_chunks_mut::<3>().0[..count]
+/// lam / mu, where it is the same for all tetrahedra.
+fn ratio<R: Scalar>(tets: &[TetConstants]) -> Option<R> {
+    let first = tets.first()?;
+    // moduli differ by rounding where Poisson's ratio does not
+    let same =
+        |t: &TetConstants| (t.lambda * first.mu - first.lambda * t.mu).abs() <= 1e-14 * first.lambda.abs() * t.mu;
+    tets.iter().all(same).then(|| R::from_f64(first.lambda / first.mu))
+}
+
+/// Chunk `c` of so many items.
+fn part<T>(items: &[T], c: usize, size: usize) -> &[T] {
+    &items[c * size..((c + 1) * size).min(items.len())]
 }
 
 /// The model behind its trait.
@@ -184,22 +198,18 @@ impl<R: Scalar> ForceModel<R> for Corotated<R> {
 
     fn force(&mut self, position: &[[R; 3]], increment: Increment<'_, R>, force: &mut [[R; 3]]) -> f64 {
         let rotate = self.rotations == Rotations::Follow;
-        let n = TASK * BLOCK;
-        let (tet_energy, hex_energy) = self.energy.split_at_mut(self.tet_nodes.len());
-        let tets = self.tets.par_chunks(TASK).zip(self.tet_nodes.par_chunks(n)).zip(self.tet_q.par_chunks(TASK));
-        let out = self.tet_force.par_chunks_mut(n).zip(tet_energy.par_chunks_mut(n));
-        tets.zip(out).for_each(|(((blocks, nodes), q), (force, energy))| {
-            run_wide::<R, _>(tet::Force { blocks, nodes, position, increment, q, force, energy });
+        let Self { tets, tet_nodes, tet_q, tet_parts, hexes, hex_nodes, hex_q, hex_parts, shapes, .. } = self;
+        self.tet_scatter.for_chunks(tet_parts, |c, local, parts| {
+            let (blocks, nodes, q) = (part(tets, c, TASK), part(tet_nodes, c, CELLS), part(tet_q, c, TASK));
+            run_wide::<R, _>(tet::Force { blocks, nodes, position, increment, q, local, parts });
         });
-        let hexes = self.hexes.par_chunks(TASK).zip(self.hex_nodes.par_chunks(n)).zip(self.hex_q.par_chunks(TASK));
-        let out = self.hex_force.par_chunks_mut(n).zip(hex_energy.par_chunks_mut(n));
-        let shapes = &self.shapes;
-        hexes.zip(out).for_each(|(((blocks, nodes), q), (force, energy))| {
-            run_wide::<R, _>(hex::Force { blocks, shapes, nodes, position, increment, rotate, q, force, energy });
+        self.hex_scatter.for_chunks(hex_parts, |c, local, parts| {
+            let (blocks, nodes, q) = (part(hexes, c, TASK), part(hex_nodes, c, CELLS), part(hex_q, c, TASK));
+            run_wide::<R, _>(hex::Force { blocks, shapes, nodes, position, increment, rotate, q, local, parts });
         });
-        gather_forces(&self.tet_incidence, &self.tet_force, &self.hex_incidence, &self.hex_force, force);
-        let energy = &self.energy;
-        par::sum(energy.len(), |range| energy[range].iter().map(|e| e.to_f64()).sum())
+        gather_forces((&self.tet_scatter, tet_parts), (&self.hex_scatter, hex_parts), force);
+        let energy = |parts: &[[R; 4]]| par::sum(parts.len(), |range| parts[range].iter().map(|p| p[3].to_f64()).sum());
+        energy(tet_parts) + energy(hex_parts)
     }
 
     fn is_damped(&self) -> bool {
@@ -207,20 +217,15 @@ impl<R: Scalar> ForceModel<R> for Corotated<R> {
     }
 
     fn stiffness(&mut self, rate: R, damping: R, matrix: &mut BlockCsr<R>) {
-        let warped = quads(&mut self.tet_force, self.tet_nodes.len());
-        let tets = self.tets.par_chunks(TASK).zip(self.tet_q.par_chunks(TASK));
-        tets.zip(warped.par_chunks_mut(TASK * BLOCK)).for_each(|((blocks, q), warped)| {
-            run_wide::<R, _>(tet::Warp { blocks, q, warped });
-        });
-        let rotation = quads(&mut self.hex_force, self.hex_nodes.len());
-        write_columns(&self.hexes, &self.hex_q, rotation);
         Rows {
             pattern: &self.pattern,
-            tets: &self.tet_incidence,
-            warped,
+            strips: &self.strips,
+            tet_blocks: &self.tets,
+            tet_q: &self.tet_q,
+            ratio: self.ratio,
             hexes: &self.hex_incidence,
-            rotation,
-            shape_of: &self.shape_of,
+            hex_blocks: &self.hexes,
+            hex_q: &self.hex_q,
             shapes: &self.shapes,
             rate,
             damping,
@@ -237,10 +242,11 @@ impl<R: Scalar> ForceModel<R> for Corotated<R> {
             return;
         }
         write_columns(&self.hexes, &self.hex_q, &mut matrix.rotation);
-        for ((lame, shape), columns) in matrix.lame.iter_mut().zip(&self.shape_of).zip(&matrix.rotation) {
+        for (cell, (lame, columns)) in matrix.lame.iter_mut().zip(&matrix.rotation).enumerate() {
+            let shape = self.hexes[cell / BLOCK].shape(cell % BLOCK);
             let (young_modulus, b) = (columns[0][3], columns[1][3]);
             let factor = young_modulus * (R::one() + rate * (b + damping));
-            if let Some(cube) = &self.shapes[*shape as usize].cube {
+            if let Some(cube) = &self.shapes[shape as usize].cube {
                 *lame = [cube.lambda * factor, cube.mu * factor];
             }
         }
@@ -328,5 +334,85 @@ mod tests {
         };
         assert_eq!(count(&two(stiff)), 1);
         assert_eq!(count(&two(Material { poisson_ratio: 0.3, ..flesh })), 2);
+    }
+
+    /// A ball of tetrahedra around node 0, the corners of all of them: a node that is too crowded for a strip.
+    fn hedgehog(rings: u32) -> VolumeMesh {
+        let mut mesh = VolumeMesh { nodes: vec![[0.0; 3]], ..VolumeMesh::default() };
+        let sides = 2 * rings;
+        for i in 1..rings {
+            for j in 0..sides {
+                let (t, p) = (f64::from(i) / f64::from(rings), f64::from(j) / f64::from(rings));
+                let ((st, ct), (sp, cp)) = ((t * std::f64::consts::PI).sin_cos(), (p * std::f64::consts::PI).sin_cos());
+                mesh.nodes.push([st * cp, 1.2 * ct, st * sp]);
+            }
+        }
+        let at = |i: u32, j: u32| 1 + (i - 1) * sides + j % sides;
+        for i in 1..rings - 1 {
+            for j in 0..sides {
+                let [a, b, c, d] = [at(i, j), at(i, j + 1), at(i + 1, j), at(i + 1, j + 1)];
+                mesh.tets.extend([[0, a, b, c], [0, b, d, c]]);
+            }
+        }
+        for tet in &mut mesh.tets {
+            if tet_gradients(tet.map(|n| mesh.nodes[n as usize])).1 < 0.0 {
+                tet.swap(2, 3);
+            }
+        }
+        mesh
+    }
+
+    /// The rows multiply like the increment of the force, which knows of no rows: with one Poisson's ratio, with two, and at a crowded
+    /// node.
+    #[test]
+    fn rows_are_what_increments_add() {
+        let flesh = Material::default();
+        let crowded = hedgehog(32);
+        assert!(crowded.tets.len() > 2 * 8 * 160, "too few to crowd a strip");
+        let bar = crate::mesh::bar([6, 3, 3], [0.6, 0.3, 0.3], crate::mesh::CellKind::Tet4);
+        for (mesh, ratios) in [(&bar, [0.3, 0.3]), (&bar, [0.2, 0.45]), (&crowded, [0.3, 0.3]), (&crowded, [0.2, 0.45])]
+        {
+            let map = MaterialMap {
+                materials: ratios
+                    .map(|poisson_ratio| Material {
+                        poisson_ratio,
+                        young_modulus: 1e4 / (1.0 - poisson_ratio),
+                        ..flesh
+                    })
+                    .to_vec(),
+                of_cell: (0..mesh.tets.len() as u32).map(|i| i / 3 % 2).collect(),
+                stiffness_factor: Vec::new(),
+            };
+            let pattern = Arc::new(BlockPattern::from_cells(mesh.node_count(), mesh.cells()));
+            let mut model = Corotated::<f64>::new(mesh, &map, pattern.clone(), Rotations::Follow);
+            assert_eq!(model.ratio.is_some(), ratios[0] == ratios[1]);
+            let wave = |i: usize, k: usize, s: f64| 0.03 * (s * (3 * i + k) as f64).sin();
+            let moved = |s: f64| -> Vec<[f64; 3]> {
+                (0..mesh.node_count()).map(|i| std::array::from_fn(|k| wave(i, k, s))).collect()
+            };
+            let x: Vec<[f64; 3]> = mesh
+                .nodes
+                .iter()
+                .zip(moved(1.3))
+                .map(|(x, d)| std::array::from_fn(|k| 1.1 * x[(k + 1) % 3] + d[k]))
+                .collect();
+            model.linearise(&x);
+            let mut matrix = BlockCsr::zero(pattern.clone());
+            model.stiffness(0.0, 0.0, &mut matrix);
+            let (d, mut with, mut without) = (moved(0.7), moved(0.0), moved(0.0));
+            model.force(&x, Increment { displacement: Some(&d), ..Increment::none() }, &mut with);
+            model.force(&x, Increment::none(), &mut without);
+            let largest = without.iter().flatten().fold(0.0f64, |m, f| m.max(f.abs()));
+            for i in 0..mesh.node_count() {
+                for c in 0..3 {
+                    let row = |k: usize| {
+                        (0..3).map(|j| matrix.values[k][3 * c + j] * d[pattern.column()[k] as usize][j]).sum::<f64>()
+                    };
+                    let product: f64 = pattern.row(i).map(row).sum();
+                    let error = product - (with[i][c] - without[i][c]);
+                    assert!(error.abs() < 1e-11 * largest, "{ratios:?} node {i}: {product} {error}");
+                }
+            }
+        }
     }
 }

@@ -10,7 +10,7 @@
 
 use super::assembly::Increment;
 use super::polar::{eigen_symmetric, polar, rotation, symmetric};
-use super::tet::{BLOCK, gather, load, load_q, store};
+use super::tet::{BLOCK, Corners, gather, load, load_q, store};
 use softrig_linalg::cubes::{self, CORNER};
 use softrig_linalg::{Kernel, Lane, Mat3, Scalar, Vec3, Wide};
 
@@ -158,6 +158,11 @@ impl<R: Scalar> HexBlock<R> {
         }
     }
 
+    /// Number of the shape of a cell of the block.
+    pub(super) fn shape(&self, lane: usize) -> u32 {
+        self.shape[lane]
+    }
+
     #[inline(always)]
     fn same(&self, first: usize, width: usize) -> bool {
         (1..width).all(|i| self.shape[first + i] == self.shape[first])
@@ -242,11 +247,24 @@ impl<R: Scalar> Rotate<'_, R> {
     }
 }
 
-/// What the assembly reads: the columns of R of a task's cells, with E and b in their fourth places.
+/// The columns of R of a task's cells, with E and b in their fourth places.
 pub(super) struct Columns<'a, R> {
     pub blocks: &'a [HexBlock<R>],
     pub q: &'a [[[R; BLOCK]; 4]],
     pub columns: &'a mut [[[R; 4]; 3]],
+}
+
+/// What the assembly reads of one cell: the columns of R with E and b in their fourth places, and the number of its shape.
+#[inline(always)]
+pub(super) fn columns<R: Scalar>(blocks: &[HexBlock<R>], q: &[[[R; BLOCK]; 4]], cell: usize) -> ([[R; 4]; 3], u32) {
+    let (block, q, lane) = (&blocks[cell / BLOCK], &q[cell / BLOCK], cell % BLOCK);
+    let r = rotation([Wide([q[0][lane]]), Wide([q[1][lane]]), Wide([q[2][lane]]), Wide([q[3][lane]])]).0;
+    let fourth = [block.scale[lane], block.damping[lane], R::zero()];
+    let mut out = [[R::zero(); 4]; 3];
+    for j in 0..3 {
+        out[j] = [r[0][j].0[0], r[1][j].0[0], r[2][j].0[0], fourth[j]];
+    }
+    (out, block.shape[lane])
 }
 
 impl<R: Scalar> Kernel for Columns<'_, R> {
@@ -267,7 +285,7 @@ impl<R: Scalar> Kernel for Columns<'_, R> {
     }
 }
 
-/// Forces of a task's cells on their corners, and their energies.
+/// Forces of a chunk's cells, added to the parts of their nodes; the fourth numbers add up to their energies.
 pub(super) struct Force<'a, R> {
     pub blocks: &'a [HexBlock<R>],
     pub shapes: &'a [HexShape<R>],
@@ -276,25 +294,29 @@ pub(super) struct Force<'a, R> {
     pub increment: Increment<'a, R>,
     pub rotate: bool,
     pub q: &'a [[[R; BLOCK]; 4]],
-    pub force: &'a mut [[[R; 3]; 8]],
-    pub energy: &'a mut [R],
+    /// Part of each corner.
+    pub local: &'a [[u16; 8]],
+    pub parts: &'a mut [[R; 4]],
 }
 
 impl<R: Scalar> Kernel for Force<'_, R> {
     type Output = ();
     #[inline(always)]
-    fn run<const W: usize>(mut self) {
+    fn run<const W: usize>(self) {
+        self.parts.fill([R::zero(); 4]);
+        let mut out = Corners::<R, 8>::zero();
         for k in 0..self.blocks.len() {
             for first in (0..BLOCK).step_by(W) {
                 if k * BLOCK + first >= self.nodes.len() {
                     break;
                 }
                 if self.blocks[k].same(first, W) {
-                    self.cells::<W>(k, first);
+                    self.cells::<W>(k, first, &mut out);
                 } else {
-                    self.one_by_one(k, first, W);
+                    self.one_by_one(k, first, W, &mut out);
                 }
             }
+            out.add(&self.local[k * BLOCK..], self.parts);
         }
     }
 }
@@ -302,14 +324,14 @@ impl<R: Scalar> Kernel for Force<'_, R> {
 impl<R: Scalar> Force<'_, R> {
     /// Out of line: compiled once and not again for every instruction set.
     #[inline(never)]
-    fn one_by_one(&mut self, k: usize, first: usize, width: usize) {
+    fn one_by_one(&self, k: usize, first: usize, width: usize, out: &mut Corners<R, 8>) {
         for lane in 0..width {
-            self.cells::<1>(k, first + lane);
+            self.cells::<1>(k, first + lane, out);
         }
     }
 
     #[inline(always)]
-    fn cells<const W: usize>(&mut self, k: usize, first: usize) {
+    fn cells<const W: usize>(&self, k: usize, first: usize, out: &mut Corners<R, 8>) {
         let block = &self.blocks[k];
         let shape = &self.shapes[block.shape[first] as usize];
         let cell = k * BLOCK + first;
@@ -350,15 +372,8 @@ impl<R: Scalar> Force<'_, R> {
         for f in &mut f {
             *f = (rot * *f).scale(scale);
         }
-        for (i, out) in self.force.iter_mut().skip(cell).take(W).enumerate() {
-            for a in 0..8 {
-                out[a] = [f[a].0[0].0[i], f[a].0[1].0[i], f[a].0[2].0[i]];
-            }
-        }
         let energy = energy * scale * Wide::constant(0.5);
-        for (i, out) in self.energy.iter_mut().skip(cell).take(W).enumerate() {
-            *out = energy.0[i];
-        }
+        out.set(first, f, energy);
     }
 }
 

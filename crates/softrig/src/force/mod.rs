@@ -3,6 +3,7 @@
 mod assembly;
 mod corotated;
 mod hex;
+mod incidence;
 pub mod polar;
 mod stress;
 mod stvk;

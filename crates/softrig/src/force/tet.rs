@@ -6,13 +6,14 @@
 #![allow(non_snake_case, reason = "symbols of the continuum mechanics literature")]
 
 use super::assembly::Increment;
+use super::incidence::GROUP;
 use super::polar::{polar, rotation, symmetric};
-use softrig_linalg::{Kernel, Lane, Mat3, Scalar, Vec3, Wide};
+use softrig_linalg::{CELLS, Kernel, Lane, Mat3, Scalar, Vec3, Wide};
 
 /// Cells of a block lie side by side in memory: a multiple of every lane count.
 pub(super) const BLOCK: usize = 16;
 /// Blocks per task handed to a thread.
-pub(super) const TASK: usize = 16;
+pub(super) const TASK: usize = CELLS / BLOCK;
 
 /// Constants of [`BLOCK`] tetrahedra. The last block repeats its last cell.
 #[derive(Clone, Debug)]
@@ -147,50 +148,114 @@ impl<R: Scalar> Kernel for Rotate<'_, R> {
     }
 }
 
-/// What the assembly reads: the rotated gradients R g_a of corners 1, 2, 3 of a task's cells, with V lam, V mu, b in their fourth
+/// What the assembly reads of a group of cells: the rotated gradients R g_a of corners 1, 2, 3, with V lam, V mu, b in their fourth
 /// places.
-pub(super) struct Warp<'a, R> {
-    pub blocks: &'a [TetBlock<R>],
-    pub q: &'a [[[R; BLOCK]; 4]],
-    pub warped: &'a mut [[[R; 4]; 3]],
+#[inline(always)]
+pub(super) fn warp<R: Scalar, const W: usize>(
+    blocks: &[TetBlock<R>],
+    q: &[[[R; BLOCK]; 4]],
+    group: usize,
+    warped: &mut [[[R; 4]; 3]; GROUP],
+) {
+    let block = group * GROUP / BLOCK;
+    let first = group * GROUP % BLOCK;
+    if W > GROUP {
+        warp_lanes::<R, GROUP>(&blocks[block], &q[block], first, warped);
+    } else {
+        for k in (0..GROUP).step_by(W) {
+            warp_lanes::<R, W>(&blocks[block], &q[block], first + k, &mut warped[k..]);
+        }
+    }
 }
 
-impl<R: Scalar> Kernel for Warp<'_, R> {
-    type Output = ();
+#[inline(always)]
+fn warp_lanes<R: Scalar, const W: usize>(
+    block: &TetBlock<R>,
+    q: &[[R; BLOCK]; 4],
+    first: usize,
+    warped: &mut [[[R; 4]; 3]],
+) {
+    let rot = rotation(load_q::<R, W>(q, first));
+    let g = gradients::<R, W>(block, first);
+    let constants = [load::<R, W>(&block.lambda, first), load(&block.mu, first), load(&block.damping, first)];
+    for a in 0..3 {
+        let [x, y, z] = (rot * g[a]).0;
+        let rows = [&x.0, &y.0, &z.0, &constants[a].0];
+        for k in 0..W / 4 {
+            let part = [&rows[0].as_chunks::<4>().0[k], &rows[1].as_chunks::<4>().0[k]];
+            let rest = [&rows[2].as_chunks::<4>().0[k], &rows[3].as_chunks::<4>().0[k]];
+            for (out, quad) in warped[4 * k..].iter_mut().zip(R::transposed([part[0], part[1], rest[0], rest[1]])) {
+                out[a] = quad;
+            }
+        }
+        for i in W - W % 4..W {
+            warped[i][a] = [rows[0][i], rows[1][i], rows[2][i], rows[3][i]];
+        }
+    }
+}
+
+/// Vectors at the corners of a block's cells, number by number, and one number more of each cell.
+#[derive(Clone, Copy)]
+pub(super) struct Corners<R, const N: usize> {
+    vector: [[[R; BLOCK]; 3]; N],
+    number: [R; BLOCK],
+}
+
+impl<R: Scalar, const N: usize> Corners<R, N> {
     #[inline(always)]
-    fn run<const W: usize>(self) {
-        for (k, block) in self.blocks.iter().enumerate() {
-            for first in (0..BLOCK).step_by(W) {
-                let rot = rotation(load_q::<R, W>(&self.q[k], first));
-                let g = gradients::<R, W>(block, first);
-                let w = [rot * g[0], rot * g[1], rot * g[2]];
-                let constants =
-                    [load::<R, W>(&block.lambda, first), load(&block.mu, first), load(&block.damping, first)];
-                for (i, out) in self.warped.iter_mut().skip(k * BLOCK + first).take(W).enumerate() {
-                    for a in 0..3 {
-                        out[a] = [w[a].0[0].0[i], w[a].0[1].0[i], w[a].0[2].0[i], constants[a].0[i]];
-                    }
+    pub(super) fn zero() -> Self {
+        Self { vector: [[[R::zero(); BLOCK]; 3]; N], number: [R::zero(); BLOCK] }
+    }
+
+    /// Writes those of `W` cells.
+    #[inline(always)]
+    pub(super) fn set<const W: usize>(&mut self, first: usize, vector: [Vec3<Wide<R, W>>; N], number: Wide<R, W>) {
+        for a in 0..N {
+            for k in 0..3 {
+                store(&mut self.vector[a][k], first, vector[a].0[k]);
+            }
+        }
+        store(&mut self.number, first, number);
+    }
+
+    /// Adds the vectors to the parts of the corners, and the number to the fourth of corner 0. A whole block at once, so that the
+    /// order does not depend on the width of registers. `local` ends with the cells there are.
+    #[inline(always)]
+    pub(super) fn add(&self, local: &[[u16; N]], parts: &mut [[R; 4]]) {
+        let zero = [R::zero(); 4];
+        for a in 0..N {
+            for k in 0..BLOCK / 4 {
+                let [x, y, z] = &self.vector[a];
+                let (x, y, z) = (&x.as_chunks::<4>().0[k], &y.as_chunks::<4>().0[k], &z.as_chunks::<4>().0[k]);
+                let number = if a == 0 { &self.number.as_chunks::<4>().0[k] } else { &zero };
+                let quads = R::transposed([x, y, z, number]);
+                for (l, at) in local.iter().skip(4 * k).take(4).enumerate() {
+                    let to = &mut parts[at[a] as usize];
+                    *to = (Wide(*to) + Wide(quads[l])).0;
                 }
             }
         }
     }
 }
 
-/// Forces of a task's cells on their corners, and their energies.
+/// Forces of a chunk's cells, added to the parts of their nodes; the fourth numbers add up to their energies.
 pub(super) struct Force<'a, R> {
     pub blocks: &'a [TetBlock<R>],
     pub nodes: &'a [[u32; 4]],
     pub position: &'a [[R; 3]],
     pub increment: Increment<'a, R>,
     pub q: &'a [[[R; BLOCK]; 4]],
-    pub force: &'a mut [[[R; 3]; 4]],
-    pub energy: &'a mut [R],
+    /// Part of each corner.
+    pub local: &'a [[u16; 4]],
+    pub parts: &'a mut [[R; 4]],
 }
 
 impl<R: Scalar> Kernel for Force<'_, R> {
     type Output = ();
     #[inline(always)]
     fn run<const W: usize>(self) {
+        self.parts.fill([R::zero(); 4]);
+        let mut out = Corners::<R, 4>::zero();
         for (k, block) in self.blocks.iter().enumerate() {
             for first in (0..BLOCK).step_by(W) {
                 let cell = k * BLOCK + first;
@@ -225,15 +290,9 @@ impl<R: Scalar> Kernel for Force<'_, R> {
                 let P = rot * (E.scale(two * mu) + Mat3::diagonal(lambda * E.trace()));
                 let f = [P * g[0], P * g[1], P * g[2]];
                 let f = [-(f[0] + f[1] + f[2]), f[0], f[1], f[2]];
-                for (i, out) in self.force[cell..].iter_mut().take(W).enumerate() {
-                    for a in 0..4 {
-                        out[a] = [f[a].0[0].0[i], f[a].0[1].0[i], f[a].0[2].0[i]];
-                    }
-                }
-                for (i, out) in self.energy[cell..].iter_mut().take(W).enumerate() {
-                    *out = energy.0[i];
-                }
+                out.set(first, f, energy);
             }
+            out.add(&self.local[k * BLOCK..], self.parts);
         }
     }
 }

@@ -68,7 +68,8 @@ fn vector<A: Scalar>(rows: usize) -> Vec<[A; 4]> {
 }
 
 fn check_product<A: Scalar>(bound: f64) {
-    let (matrix, free) = system(5);
+    // several chunks
+    let (matrix, free) = system(9);
     let rows = free.row_count();
     let mut cubes = FreeCubes::<A>::new(&matrix.pattern, &free);
     cubes.load(&matrix, &free);
@@ -130,14 +131,19 @@ fn inverted_blocks_are_those_of_the_diagonal() {
 }
 
 fn check_sets<A: Scalar>() {
-    let (matrix, free) = system(5);
+    // several chunks
+    let (matrix, free) = system(9);
     let rows = free.row_count();
     let x = vector::<A>(rows);
     let results = Instructions::ALL.map(|set| {
         let mut cubes = FreeCubes::<A>::new(&matrix.pattern, &free);
         cubes.load(&matrix, &free);
-        run_wide_with::<A, _>(set, Forces { blocks: &cubes.blocks, x: &x, force: &mut cubes.force });
-        cubes.force.as_flattened().as_flattened().iter().map(|f| f.bits()).collect::<Vec<_>>()
+        let FreeCubes { blocks, scatter, force, .. } = &mut cubes;
+        scatter.for_chunks(force, |c, local, force| {
+            let blocks = &blocks[c * TASK..((c + 1) * TASK).min(blocks.len())];
+            run_wide_with::<A, _>(set, Forces { blocks, x: &x, local, force });
+        });
+        cubes.force.as_flattened().iter().map(|f| f.bits()).collect::<Vec<_>>()
     });
     assert_eq!(results[0], results[1]);
     assert_eq!(results[0], results[2]);

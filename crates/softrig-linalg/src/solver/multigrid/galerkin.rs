@@ -7,7 +7,7 @@
 
 use super::interpolation::{Interpolation, Weights};
 use crate::solver::free::BlockRows;
-use crate::{Kernel, run_wide};
+use crate::{Kernel, par, run_wide};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -239,14 +239,14 @@ impl Galerkin {
     pub fn refresh(&mut self, fine: &BlockRows, fine_block: &(impl Fn(usize) -> [f32; 9] + Sync)) {
         let mut parts = std::mem::take(&mut self.parts);
         let at = |s: usize| self.strips[s].part;
-        divide(0..self.strips.len() - 1, 1, &at, &mut parts, &|strips, parts| {
+        par::divide(0..self.strips.len() - 1, 1, &at, &mut parts, &|strips, parts| {
             for s in strips {
                 run_wide::<f32, _>(FillStrip { all: self, fine, fine_block, s, parts: &mut *parts });
             }
         });
         let mut values = std::mem::take(&mut self.values);
         let at = |c: usize| self.upper.start[c] as usize;
-        divide(0..self.upper.row_count(), ROWS, &at, &mut values, &|rows, values| {
+        par::divide(0..self.upper.row_count(), ROWS, &at, &mut values, &|rows, values| {
             run_wide::<f32, _>(AddParts { all: self, parts: &parts, rows, values });
         });
         (self.parts, self.values) = (parts, values);
@@ -255,23 +255,6 @@ impl Galerkin {
 
 fn place_of(column: u32, columns: &[u32]) -> u16 {
     columns.binary_search(&column).expect("the pattern holds every contribution") as u16
-}
-
-/// Hands ranges of at most `most` items, and the values that begin at `start` of each, to all threads; halves the work between them.
-/// (A recursion rather than a list of parts: it needs no memory.)
-fn divide<T: Send>(
-    range: Range<usize>,
-    most: usize,
-    start: &(impl Fn(usize) -> usize + Sync),
-    values: &mut [T],
-    work: &(impl Fn(Range<usize>, &mut [T]) + Sync),
-) {
-    if range.len() <= most {
-        return work(range, values);
-    }
-    let half = range.start + range.len() / 2;
-    let (a, b) = values.split_at_mut(start(half) - start(range.start));
-    rayon::join(|| divide(range.start..half, most, start, a, work), || divide(half..range.end, most, start, b, work));
 }
 
 /// What the rows of a strip add to coarse rows.
