@@ -9,6 +9,7 @@ use super::sliced::Fault;
 use faer::dyn_stack::{MemBuffer, MemStack, StackReq};
 use faer::linalg::cholesky::llt::factor::LltError;
 use faer::perm::PermRef;
+use faer::sparse::linalg::SupernodalThreshold;
 use faer::sparse::linalg::cholesky::{
     CholeskySymbolicParams, LltRef, SymbolicCholesky, SymmetricOrdering, factorize_symbolic_cholesky,
 };
@@ -52,8 +53,7 @@ impl Factor {
         }
         let shape = SymbolicSparseColMatRef::new_checked(unknowns, unknowns, &column_start, None, &row);
         let order = SymmetricOrdering::Custom(PermRef::new_checked(&forward, &backward, unknowns));
-        let symbolic =
-            factorize_symbolic_cholesky(shape, Side::Upper, order, CholeskySymbolicParams::default()).ok()?;
+        let symbolic = factorize_symbolic_cholesky(shape, Side::Upper, order, supernodal()).ok()?;
         let mut lower = Vec::new();
         lower.try_reserve_exact(symbolic.len_val()).ok()?;
         lower.resize(symbolic.len_val(), 0.0);
@@ -145,6 +145,14 @@ impl Factor {
             Par::Seq,
             MemStack::new(&mut self.scratch),
         );
+    }
+}
+
+/// Columns of equal pattern together, as dense blocks: those of bodies have at least the three of a node.
+fn supernodal() -> CholeskySymbolicParams<'static> {
+    CholeskySymbolicParams {
+        supernodal_flop_ratio_threshold: SupernodalThreshold::FORCE_SUPERNODAL,
+        ..CholeskySymbolicParams::default()
     }
 }
 
