@@ -141,9 +141,8 @@ impl<R: Scalar> Prepared<R> {
                 *x += d;
                 *c = R::from_f64(*x / scale);
             }
-            let x = |row: usize| self.candidate[row].map(Scalar::to_f64);
-            let out = Some(&mut self.true_residual[..]);
-            let sum = residual::squared(&self.pattern, &self.identity, scale, matrix, rhs, &x, out);
+            let (x, out) = (&self.candidate, &mut self.true_residual);
+            let sum = residual::squared(&self.pattern, &self.identity, scale, matrix, rhs, x, out);
             let residual = (sum / square).sqrt();
             if residual <= tolerance {
                 self.pattern.scatter(&self.candidate, solution);

@@ -1,7 +1,10 @@
 //! The linear system of a step, assembled only for solvers that read its entries.
 
 use crate::body::Body;
-use softrig_linalg::{BlockCsr, CubeMatrix, LinearSystem, Scalar};
+use softrig_linalg::{BlockCsr, CubeMatrix, LinearSystem, Scalar, par};
+
+/// Rows per task.
+const ROWS: usize = 1024;
 
 /// K + vd C + ad M at the last linearisation.
 pub(crate) struct StepSystem<'a, R> {
@@ -25,19 +28,32 @@ impl<'a, R: Scalar> StepSystem<'a, R> {
         let mut system = Self { body, factors, matrix, cubes: None, assembled: false };
         if let Some(cubes) = cubes {
             system.body.model.cubes(factors.0, system.body.stiffness_damping, cubes);
-            for i in 0..cubes.diagonal.len() {
-                cubes.diagonal[i] = system.on_diagonal(i);
+            {
+                let diagonal = system.diagonal();
+                cubes.diagonal.iter_mut().enumerate().for_each(|(i, d)| *d = diagonal(i));
             }
             system.cubes = Some(cubes);
         }
         system
     }
 
-    /// Damping by the mass, and the mass where it is lumped.
-    fn on_diagonal(&self, i: usize) -> R {
-        let ((vd, ad), body) = (self.factors, &self.body);
-        let drag = vd * (body.drag[i] + body.mass_damping * body.mass[i]);
-        if body.consistent_mass.is_none() { drag + ad * body.mass[i] } else { drag }
+    /// Damping by the mass of each node, and the mass where it is lumped.
+    fn diagonal(&self) -> impl Fn(usize) -> R + Sync + use<'_, 'a, R> {
+        let ((vd, ad), Body { mass, drag, mass_damping, consistent_mass, .. }) = (self.factors, &*self.body);
+        let ad = if consistent_mass.is_none() { ad } else { R::zero() };
+        move |i| vd * (drag[i] + *mass_damping * mass[i]) + ad * mass[i]
+    }
+
+    fn add_diagonal(&self, values: &mut [[R; 9]]) {
+        let (pattern, diagonal) = (&self.body.pattern, self.diagonal());
+        let start = |row: usize| pattern.row_start()[row] as usize;
+        par::divide(0..pattern.row_count(), ROWS, &start, values, &|rows, values| {
+            let first = start(rows.start);
+            for i in rows {
+                let at = pattern.diagonal()[i] as usize - first;
+                (0..3).for_each(|k| values[at][4 * k] += diagonal(i));
+            }
+        });
     }
 }
 
@@ -55,11 +71,9 @@ impl<R: Scalar> LinearSystem<R> for StepSystem<'_, R> {
                 (0..9).for_each(|k| to[k] += from[k] * ad);
             }
         }
-        for i in 0..self.body.mass.len() {
-            let at = self.body.pattern.diagonal()[i] as usize;
-            let m = self.on_diagonal(i);
-            (0..3).for_each(|k| self.matrix.values[at][4 * k] += m);
-        }
+        let mut values = std::mem::take(&mut self.matrix.values);
+        self.add_diagonal(&mut values);
+        self.matrix.values = values;
         self.matrix
     }
 

@@ -9,7 +9,8 @@ use crate::solver::factor::Factor;
 use crate::solver::free::FreePattern;
 use crate::solver::quads::Quads;
 use crate::solver::sliced::Fault;
-use crate::{CubeMatrix, Scalar, Traffic};
+use crate::{CubeMatrix, Scalar, Traffic, par};
+use rayon::prelude::*;
 use std::sync::Arc;
 
 /// Relative shift of the coarsest diagonal: interpolation next to constraints can be rank deficient (numerics 5.3), and
@@ -171,15 +172,16 @@ impl Cycle {
     /// `z = V r`: one cycle from zero.
     pub fn apply<R: Scalar>(&mut self, r: &[[R; 4]], z: &mut [[R; 4]]) {
         // f32 has room for the residual of any scaled system, but not for squares of tiny ones: scale to 1
-        let largest = r.iter().flatten().fold(0.0f64, |m, v| m.max(v.to_f64().abs()));
+        let largest_of = |r: &[[R; 4]]| r.iter().flatten().fold(0.0f64, |m, v| m.max(v.to_f64().abs()));
+        let largest = r.par_chunks(par::CHUNK).map(largest_of).reduce(|| 0.0, f64::max);
         let scale = if largest > 0.0 { 1.0 / largest } else { 1.0 };
-        for (b, r) in self.levels[0].b.get_mut().iter_mut().zip(r) {
+        self.levels[0].b.get_mut().par_iter_mut().zip(r).with_min_len(par::CHUNK).for_each(|(b, r)| {
             *b = r.map(|v| (v.to_f64() * scale) as f32);
-        }
+        });
         self.descend(0);
-        for (z, x) in z.iter_mut().zip(self.levels[0].x.get()) {
+        z.par_iter_mut().zip(self.levels[0].x.get()).with_min_len(par::CHUNK).for_each(|(z, x)| {
             *z = x.map(|v| R::from_f64(f64::from(v) / scale));
-        }
+        });
     }
 
     fn descend(&mut self, l: usize) {

@@ -16,7 +16,7 @@ use crate::solver::multigrid::Cycle;
 use crate::solver::quads::Quads;
 use crate::solver::sliced::Sliced;
 use crate::solver::{SolveError, SolveReport, Traffic, residual};
-use crate::{BlockCsr, BlockPattern, Scalar, run_wide};
+use crate::{BlockCsr, BlockPattern, Scalar, par, run_wide};
 use rayon::prelude::*;
 use std::any::Any;
 use std::sync::Arc;
@@ -38,6 +38,7 @@ pub(in crate::solver) struct Iteration<R> {
     pub(super) values: Option<Sliced<R>>,
     /// Present where products take the cubes instead of the values.
     pub(super) cubes: Option<Box<CubeProducts<R>>>,
+    /// Made when someone wants it.
     pub(super) inverse: Vec<Inverse<R>>,
     /// Free rows without a single entry: treated as rows of the identity.
     pub(super) identity: Vec<bool>,
@@ -97,13 +98,16 @@ impl<R: Scalar> Iteration<R> {
         }
     }
 
-    /// `x += alpha p; r -= alpha q; z = D r`; returns `(rᵀ z, rᵀ r)`.
-    fn update(&mut self, alpha: R) -> (f64, f64) {
+    /// `x += alpha p; r -= alpha q; z = D r`; returns `(rᵀ z, rᵀ r)`. Not `jacobi`: no `z`.
+    fn update(&mut self, alpha: R, jacobi: bool) -> (f64, f64) {
+        let inverse = if jacobi { &self.inverse[..] } else { &[] };
         let (x, r, z) = (self.x.get_mut(), self.r.get_mut(), self.z.get_mut());
         (x.par_chunks_mut(ROWS), r.par_chunks_mut(ROWS), z.par_chunks_mut(ROWS), &mut self.partial)
             .into_par_iter()
-            .zip((self.p.get().par_chunks(ROWS), self.q.get().par_chunks(ROWS), self.inverse.par_chunks(ROWS)))
-            .for_each(|((x, r, z, partial), (p, q, inverse))| {
+            .zip((self.p.get().par_chunks(ROWS), self.q.get().par_chunks(ROWS)))
+            .enumerate()
+            .for_each(|(c, ((x, r, z, partial), (p, q)))| {
+                let inverse = inverse.chunks(ROWS).nth(c).unwrap_or_default();
                 *partial = run_wide::<R, _>(Update { alpha, p, q, inverse, x, r, z });
             });
         self.partial.iter().fold((0.0, 0.0), |sum, p| (sum.0 + p[0], sum.1 + p[1]))
@@ -128,7 +132,7 @@ impl<R: Scalar> Iteration<R> {
         let n = free.row_count();
         self.values = None;
         self.cubes = None;
-        self.inverse = vec![[[R::zero(); 4]; 3]; n];
+        self.inverse = Vec::new();
         self.identity = vec![false; n];
         for v in [&mut self.x, &mut self.r, &mut self.z, &mut self.p, &mut self.q] {
             *v = Quads::zero(n);
@@ -194,7 +198,8 @@ impl<R: Scalar> Iteration<R> {
         products: bool,
     ) -> Result<usize, SolveError> {
         // an update by nothing: z = D r and the dot products; q and p hold zeros or finite leftovers
-        let (mut rz, mut rr) = self.update(R::zero());
+        let jacobi = cycle.is_none();
+        let (mut rz, mut rr) = self.update(R::zero(), jacobi);
         if rr <= target {
             return Ok(0);
         }
@@ -211,7 +216,7 @@ impl<R: Scalar> Iteration<R> {
                 return Err(SolveError::NotPositiveDefinite { node: self.steepest_node() });
             }
             let (rz_before, alpha) = (rz, rz / pq);
-            (rz, rr) = self.update(R::from_f64(alpha));
+            (rz, rr) = self.update(R::from_f64(alpha), jacobi);
             if rr <= target {
                 return Ok(iteration);
             }
@@ -241,9 +246,9 @@ impl<R: Scalar> Iteration<R> {
     /// `true_residual`. All is multiplied by `scale`, the iteration's part by `part` on top of it.
     pub(super) fn examine<B: Scalar>(&mut self, source: Source<'_, B>, rhs: &[[B; 3]], scale: f64, part: f64) -> f64 {
         let factor = 1.0 / (scale * part);
-        for (candidate, x) in self.candidate.iter_mut().zip(self.x.get()) {
+        self.candidate.par_iter_mut().zip(self.x.get()).with_min_len(par::CHUNK).for_each(|(candidate, x)| {
             *candidate = std::array::from_fn(|c| B::from_f64(candidate[c] + x[c].to_f64() * factor).to_f64());
-        }
+        });
         let candidate = &self.candidate;
         match (source, &mut self.cubes) {
             (Source::Cubes(_), Some(cubes)) => {
@@ -260,9 +265,7 @@ impl<R: Scalar> Iteration<R> {
                 square
             }
             (Source::Stored(matrix), _) => {
-                let x = |row: usize| candidate[row];
-                let out = Some(&mut self.true_residual[..]);
-                residual::squared(&self.pattern, &self.identity, scale, matrix, rhs, &x, out)
+                residual::squared(&self.pattern, &self.identity, scale, matrix, rhs, candidate, &mut self.true_residual)
             }
             (Source::Cubes(_), None) => f64::NAN,
         }

@@ -66,7 +66,7 @@ impl<A: Scalar> RowWork<A> for StoreAndDot<'_, A> {
     }
 }
 
-/// `x += alpha p; r -= alpha q; z = D r`; returns `(rᵀ z, rᵀ r)`.
+/// `x += alpha p; r -= alpha q; z = D r`; returns `(rᵀ z, rᵀ r)`. Where no `inverse` is given `z` stays, and `rᵀ z` is zero.
 pub(super) struct Update<'a, A> {
     pub alpha: A,
     pub p: &'a [[A; 4]],
@@ -85,19 +85,20 @@ impl<A: Scalar> Kernel for Update<'_, A> {
         let Self { alpha, p, q, inverse, x, r, z } = self;
         let alpha = Wide::<A, 4>::splat(alpha);
         let n = p.len();
-        let (q, inverse, x, r, z) = (&q[..n], &inverse[..n], &mut x[..n], &mut r[..n], &mut z[..n]);
+        let (q, x, r, z) = (&q[..n], &mut x[..n], &mut r[..n], &mut z[..n]);
         let (mut rz, mut rr) = (Wide::<f64, 4>::zero(), Wide::<f64, 4>::zero());
         for i in 0..n {
             x[i] = (Wide(x[i]) + alpha * Wide(p[i])).0;
             let ri = Wide(r[i]) - alpha * Wide(q[i]);
             r[i] = ri.0;
-            let d = &inverse[i];
-            // the inverse is symmetric: its rows are its columns
-            let zi = (Wide(d[0]) * Wide::splat(ri.0[0]) + Wide(d[1]) * Wide::splat(ri.0[1]))
-                + Wide(d[2]) * Wide::splat(ri.0[2]);
-            z[i] = zi.0;
-            add_dot(&mut rz, ri, zi);
             add_dot(&mut rr, ri, ri);
+            if let Some(d) = inverse.get(i) {
+                // the inverse is symmetric: its rows are its columns
+                let zi = (Wide(d[0]) * Wide::splat(ri.0[0]) + Wide(d[1]) * Wide::splat(ri.0[1]))
+                    + Wide(d[2]) * Wide::splat(ri.0[2]);
+                z[i] = zi.0;
+                add_dot(&mut rz, ri, zi);
+            }
         }
         [total(rz), total(rr)]
     }

@@ -51,6 +51,10 @@ impl<R: Scalar> Iteration<R> {
         jacobi: bool,
         products: bool,
     ) -> Result<(), SolveError> {
+        let n = self.pattern.row_count();
+        if products && (jacobi || matches!(source, Source::Stored(_))) {
+            self.inverse.resize(n, [[R::zero(); 4]; 3]);
+        }
         let matrix = match source {
             Source::Stored(matrix) => {
                 self.cubes = None;
@@ -65,7 +69,6 @@ impl<R: Scalar> Iteration<R> {
             }
             Source::Cubes(matrix) => matrix,
         };
-        let n = self.pattern.row_count();
         if !self.cubes.as_ref().is_some_and(|c| c.exact.belongs_to(&matrix.pattern)) {
             let exact = FreeCubes::new(&matrix.pattern, &self.pattern);
             self.cubes = Some(Box::new(CubeProducts { own: None, exact, x: Quads::zero(n), y: Quads::zero(n) }));
