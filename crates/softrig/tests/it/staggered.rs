@@ -2,11 +2,11 @@
 
 use crate::couple::limb;
 use crate::twoway::{ball, coupled, flesh, floating, hinge, momentum, run, settings, simulation};
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 use softrig::integrate::Dynamics;
-use softrig::rig::{JointId, JointSetup, RootKind};
+use softrig::rig::{JointId, JointSetup, Pose, RootKind, Skeleton};
 use softrig::simulation::{
-    Action, CoupleError, Coupling, Event, Key, RestMotion, Simulation, SimulationSettings, TwoWay, TwoWayScheme,
+    Action, CoupleError, Coupling, Event, Key, Motion, RestMotion, Simulation, SimulationSettings, TwoWay, TwoWayScheme,
 };
 
 fn staggered(
@@ -80,6 +80,36 @@ fn drags_are_goals() {
         run(&mut sim, &motion, 1.0);
         assert!(elbow(&sim).distance(to) < 0.08, "{} {to}", elbow(&sim));
     }
+}
+
+/// Turns the limb about its root by half a radian in half a second.
+struct Raise<'a>(&'a Skeleton);
+
+impl Motion for Raise<'_> {
+    fn pose(&self, time: f64) -> Pose {
+        let q = DQuat::from_rotation_z(time.clamp(0.0, 0.5));
+        let mut locals = self.0.rest_locals();
+        locals[0].rotation = q.to_array();
+        self.0.pose(&locals)
+    }
+}
+
+/// Joints that their clip leads go where it has them; those that it does not lead stay.
+#[test]
+fn leads_are_followed() {
+    let character = limb();
+    let motion = Raise(&character.skeleton);
+    let away = [0.0, 0.9].map(|drive| {
+        let s = SimulationSettings { gravity: [0.0; 3], dynamics: Dynamics::Calm, ..settings(1.0 / 60.0) };
+        let led = |setup: JointSetup| JointSetup { drive, ..setup };
+        let joints = [led(ball(0.0)), led(hinge([-1.0, 1.0], 0.0))];
+        let mut sim = staggered(1e5, s, joints, RootKind::Pinned, vec![]);
+        sim.start(&motion).unwrap();
+        (1..=60).for_each(|f| drop(sim.advance(&motion, f as f64 / 60.0).unwrap()));
+        elbow(&sim).distance(DVec3::from(motion.pose(1.0).world[1].translation))
+    });
+    eprintln!("off the clip by {away:?} m");
+    assert!(away[0] > 0.1 && away[1] < 0.02, "{away:?}");
 }
 
 /// How much momentum a push leaves: forces count for less than they are and joints are damped, so most is lost, where the monolithic

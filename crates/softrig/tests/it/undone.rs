@@ -1,8 +1,9 @@
-//! Steps that are undone or stopped: nothing of them is left.
+//! Steps that are undone, cut or cut short: nothing of them is left.
 
 use crate::couple::limb;
 use crate::twoway::{ball, coupled, hinge, settings};
 use glam::DVec3;
+use softrig::integrate::Dynamics;
 use softrig::rig::{Affine, JointId, JointKind, JointSetup, Pose, RootKind, Skeleton};
 use softrig::simulation::{Action, Event, Motion, RestMotion, Simulation, SimulationSettings, TwoWay, TwoWayScheme};
 
@@ -40,6 +41,27 @@ fn a_frame_that_fails_half_way_changes_nothing() {
     sim.advance(&motion, 0.2).unwrap_err();
     assert!(sim.checkpoint() == state && *sim.pose() == pose);
     sim.advance(&motion, 0.15).unwrap();
+}
+
+/// A heavy jerk takes bones further in a step than one may go: the step is undone and cut in two, and the frame is then bit for bit
+/// the one that had been asked for in two.
+#[test]
+fn a_cut_step_is_as_good_as_shorter_ones() {
+    let character = limb();
+    let motion = RestMotion(&character.skeleton);
+    let frame = |h: f64| {
+        let joints = [JointSetup { drive: 0.1, ..ball(0.0) }, hinge([-0.3, 0.3], 0.0)];
+        let jerk = Event { start: 0.0, end: 9.0, action: Action::Gravity([20.0, -200.0, 10.0]) };
+        let exact = SimulationSettings { dynamics: Dynamics::Calm, preroll: 0.0, ..settings(h) };
+        let mut sim = coupled((200, 2e4), exact, two_way(joints, RootKind::Free), vec![jerk]);
+        sim.start(&motion).unwrap();
+        assert_eq!(sim.advance(&motion, 2.0 * H).unwrap().substeps, 2, "steps of {h} s");
+        sim
+    };
+    let (mut cut, mut asked) = (frame(2.0 * H), frame(H));
+    let apart = cut.state.position.iter().zip(&asked.state.position);
+    let off = apart.map(|(a, b)| DVec3::from(*a).distance(DVec3::from(*b))).fold(0.0, f64::max);
+    assert!(cut.checkpoint() == asked.checkpoint(), "{off} m apart");
 }
 
 /// A floating body that its root's limits stop: they act on it from outside, and hold.
