@@ -54,6 +54,7 @@ impl<const N: usize> Scatter<N> {
             *at += 1;
         }
         out.part.truncate(out.start[node_count] as usize);
+        out.part.shrink_to_fit();
         out.start.truncate(node_count + 1);
         out
     }

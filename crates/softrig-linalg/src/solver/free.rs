@@ -79,6 +79,9 @@ impl FreePattern {
             }
             rows.row_start.push(rows.column.len() as u32);
         }
+        rows.column.shrink_to_fit();
+        rows.diagonal.shrink_to_fit();
+        source.shrink_to_fit();
         Self { rows: Arc::new(rows), source, held: Vec::new() }
     }
 

@@ -13,9 +13,6 @@ use std::ops::Range;
 pub(crate) const SLICE: usize = 8;
 /// Rows per chunk: the unit of work of a thread, and of the order of summation.
 pub(super) const ROWS: usize = super::cubes::ROWS;
-/// No block.
-const NOTHING: u32 = u32::MAX;
-
 /// One step through a slice: the blocks of eight rows, number by number.
 pub(crate) type Step<A> = [[A; SLICE]; 9];
 
@@ -40,8 +37,6 @@ struct Layout {
     /// First row of each chunk, and one past the last.
     first_row: Vec<u32>,
     column: Vec<[u32; SLICE]>,
-    /// Which block of the pattern a number is taken from.
-    block: Vec<[u32; SLICE]>,
 }
 
 /// What is done with the rows of a product, one after the other. A trait and not a closure, because these must be part of the
@@ -75,6 +70,8 @@ impl<A: Scalar> Sliced<A> {
                 layout.first_row.push((first + order.len()) as u32);
             }
         }
+        layout.column.shrink_to_fit();
+        layout.row.shrink_to_fit();
         let values = vec![[[A::zero(); SLICE]; 9]; layout.column.len()];
         Self { layout, values }
     }
@@ -135,7 +132,6 @@ impl Layout {
         self.filled.push(slice.len() as u8);
         for step in 0..pattern.row(slice[0]).len() {
             let block = |l: usize| slice.get(l).and_then(|r| pattern.row(*r).nth(step));
-            self.block.push(std::array::from_fn(|l| block(l).map_or(NOTHING, |k| k as u32)));
             // filled up with the row itself, which is in the cache
             let own = |l: usize| *slice.get(l).unwrap_or(&slice[0]) as u32;
             self.column.push(std::array::from_fn(|l| block(l).map_or(own(l), |k| pattern.column[k])));
@@ -183,14 +179,14 @@ impl Layout {
             let values = &mut values[steps.start - first_step..steps.end - first_step];
             // zero times anything finite is zero
             let (mut finite, mut any) = ([A::zero(); SLICE], [A::zero(); SLICE]);
-            for (values, blocks) in values.iter_mut().zip(&self.block[steps]) {
-                for (l, k) in blocks.iter().enumerate() {
-                    if *k != NOTHING {
-                        let block = block_of(*k as usize);
-                        (0..9).for_each(|i| values[i][l] = block[i]);
-                    }
+            for (l, local) in self.rows(slice).iter().enumerate() {
+                for (values, k) in values.iter_mut().zip(pattern.row(first_row + *local as usize)) {
+                    let block = block_of(k);
+                    (0..9).for_each(|i| values[i][l] = block[i]);
                 }
-                for part in &*values {
+            }
+            for values in &*values {
+                for part in values {
                     for l in 0..SLICE {
                         finite[l] += part[l] * A::zero();
                         any[l] = any[l].max(part[l].abs());

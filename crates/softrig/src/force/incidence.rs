@@ -118,6 +118,7 @@ impl Strips {
             out.start.push(out.group.len() as u32);
             out.node.push(n as u32);
         }
+        out.group.shrink_to_fit();
         (out.first, out.block) = (incidence.start, incidence.block);
         out
     }

@@ -76,11 +76,10 @@ pub struct MultigridOptions {
 /// Interpolations as the solvers take them.
 #[must_use]
 pub fn interpolations(levels: Vec<Prolongation>) -> Vec<Interpolation> {
-    let level = |p: Prolongation| Interpolation {
-        coarse_count: p.coarse_count,
-        start: p.start,
-        column: p.column,
-        weight: p.weight,
+    let level = |mut p: Prolongation| {
+        p.column.shrink_to_fit();
+        p.weight.shrink_to_fit();
+        Interpolation { coarse_count: p.coarse_count, start: p.start, column: p.column, weight: p.weight }
     };
     levels.into_iter().map(level).collect()
 }

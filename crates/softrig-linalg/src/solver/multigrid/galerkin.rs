@@ -74,6 +74,14 @@ struct Places {
     spread: Vec<u16>,
 }
 
+impl Places {
+    /// Gives back what growing has taken too much.
+    fn shrink(&mut self) {
+        [&mut self.width, &mut self.gather, &mut self.tail, &mut self.spread].into_iter().for_each(Vec::shrink_to_fit);
+        self.base.shrink_to_fit();
+    }
+}
+
 impl Pattern {
     fn row_count(&self) -> usize {
         self.start.len() - 1
@@ -102,6 +110,7 @@ impl Pattern {
             out.column[first..].iter().for_each(|c| seen[*c as usize] = false);
             out.start.push(out.column.len() as u32);
         }
+        out.column.shrink_to_fit();
         out
     }
 
@@ -112,6 +121,7 @@ impl Pattern {
             out.column.extend(self.columns(i).iter().filter(|c| **c as usize >= i));
             out.start.push(out.column.len() as u32);
         }
+        out.column.shrink_to_fit();
         out
     }
 
@@ -194,6 +204,7 @@ impl Galerkin {
         }
         let Places { gather, tail, spread, .. } = &*places;
         strips.push(Strip { row, gather: gather.len(), entry: tail.len(), spread: spread.len(), part: len });
+        places.shrink();
         self.parts = vec![[0.0; 9]; len];
         // strips stay in their order
         part.sort_by_key(|(c, _)| *c);
