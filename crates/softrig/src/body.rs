@@ -121,12 +121,16 @@ impl<R: Scalar> Body<R> {
     /// # Errors
     /// [`BodyError`] when a cell, a material or the constraints do not fit.
     pub fn new(
-        mesh: VolumeMesh,
+        mut mesh: VolumeMesh,
         materials: &MaterialMap,
         model: ElasticModel,
         constraints: DofConstraints,
     ) -> Result<Self, BodyError> {
         check(&mesh, materials)?;
+        // lists that grew have room for half as many again
+        mesh.nodes.shrink_to_fit();
+        mesh.tets.shrink_to_fit();
+        mesh.hexes.shrink_to_fit();
         let n = mesh.node_count();
         let (mut mass, mut drag) = (vec![0.0; n], vec![0.0; n]);
         for i in 0..mesh.cell_count() {

@@ -16,6 +16,9 @@ use faer::sparse::linalg::cholesky::{
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
 use faer::{Conj, MatMut, Par, Side};
 
+/// Rows of a matrix that is not small.
+const DENSE_BLOCKS: usize = 400;
+
 /// The upper triangle of a matrix, column by column, and its factor.
 pub(super) struct Factor {
     column_start: Vec<usize>,
@@ -53,7 +56,7 @@ impl Factor {
         }
         let shape = SymbolicSparseColMatRef::new_checked(unknowns, unknowns, &column_start, None, &row);
         let order = SymmetricOrdering::Custom(PermRef::new_checked(&forward, &backward, unknowns));
-        let symbolic = factorize_symbolic_cholesky(shape, Side::Upper, order, supernodal()).ok()?;
+        let symbolic = factorize_symbolic_cholesky(shape, Side::Upper, order, parameters(pattern.row_count())).ok()?;
         let mut lower = Vec::new();
         lower.try_reserve_exact(symbolic.len_val()).ok()?;
         lower.resize(symbolic.len_val(), 0.0);
@@ -148,12 +151,14 @@ impl Factor {
     }
 }
 
-/// Columns of equal pattern together, as dense blocks: those of bodies have at least the three of a node.
-fn supernodal() -> CholeskySymbolicParams<'static> {
-    CholeskySymbolicParams {
-        supernodal_flop_ratio_threshold: SupernodalThreshold::FORCE_SUPERNODAL,
-        ..CholeskySymbolicParams::default()
+/// Large ones in dense blocks: columns of equal pattern together, at least the three of a node. Small ones as faer likes, because
+/// its dense products keep 4 MB.
+fn parameters(rows: usize) -> CholeskySymbolicParams<'static> {
+    let mut out = CholeskySymbolicParams::default();
+    if rows > DENSE_BLOCKS {
+        out.supernodal_flop_ratio_threshold = SupernodalThreshold::FORCE_SUPERNODAL;
     }
+    out
 }
 
 /// Free rows in elimination order: minimum degree on the graph of nodes, a third of the unknowns. `None` out of memory.
