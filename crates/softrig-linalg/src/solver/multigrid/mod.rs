@@ -13,6 +13,7 @@ mod cycle;
 mod galerkin;
 mod interpolation;
 mod level;
+mod pattern;
 mod precondition;
 mod products;
 mod settings;

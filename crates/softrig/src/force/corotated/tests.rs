@@ -1,0 +1,107 @@
+use super::*;
+use crate::material::Material;
+
+/// A row of voxels far from the origin: their corners differ by rounding, their stiffness must not be stored again.
+#[test]
+fn cells_of_a_lattice_share_their_stiffness() {
+    let h = 0.0217;
+    let mut mesh = VolumeMesh::default();
+    for i in 0..=50 {
+        let x = 1.3 + f64::from(i) * h;
+        for (y, z) in [(0.0, 0.0), (h, 0.0), (h, h), (0.0, h)] {
+            mesh.nodes.push([x, 0.7 + y, -0.4 + z]);
+        }
+    }
+    for i in 0..50u32 {
+        let (a, b) = (4 * i, 4 * i + 4);
+        mesh.hexes.push([a, b, b + 1, a + 1, a + 3, b + 3, b + 2, a + 2]);
+    }
+    let count = |map: &MaterialMap| {
+        let pattern = Arc::new(BlockPattern::from_cells(mesh.node_count(), mesh.cells()));
+        Corotated::<f64>::new(&mesh, map, pattern, Rotations::Follow).shape_count()
+    };
+    let flesh = Material::default();
+    assert_eq!(count(&MaterialMap::uniform(flesh)), 1);
+    // another modulus is a factor, another Poisson's ratio another stiffness
+    let stiff = Material { young_modulus: 1e6, ..flesh };
+    let of_cell: Vec<u32> = (0..50).map(|i| i % 2).collect();
+    let two =
+        |other| MaterialMap { materials: vec![flesh, other], of_cell: of_cell.clone(), stiffness_factor: Vec::new() };
+    assert_eq!(count(&two(stiff)), 1);
+    assert_eq!(count(&two(Material { poisson_ratio: 0.3, ..flesh })), 2);
+}
+
+/// A ball of tetrahedra around node 0, the corners of all of them: a node that is too crowded for a strip.
+fn hedgehog(rings: u32) -> VolumeMesh {
+    let mut mesh = VolumeMesh { nodes: vec![[0.0; 3]], ..VolumeMesh::default() };
+    let sides = 2 * rings;
+    for i in 1..rings {
+        for j in 0..sides {
+            let (t, p) = (f64::from(i) / f64::from(rings), f64::from(j) / f64::from(rings));
+            let ((st, ct), (sp, cp)) = ((t * std::f64::consts::PI).sin_cos(), (p * std::f64::consts::PI).sin_cos());
+            mesh.nodes.push([st * cp, 1.2 * ct, st * sp]);
+        }
+    }
+    let at = |i: u32, j: u32| 1 + (i - 1) * sides + j % sides;
+    for i in 1..rings - 1 {
+        for j in 0..sides {
+            let [a, b, c, d] = [at(i, j), at(i, j + 1), at(i + 1, j), at(i + 1, j + 1)];
+            mesh.tets.extend([[0, a, b, c], [0, b, d, c]]);
+        }
+    }
+    for tet in &mut mesh.tets {
+        if tet_gradients(tet.map(|n| mesh.nodes[n as usize])).1 < 0.0 {
+            tet.swap(2, 3);
+        }
+    }
+    mesh
+}
+
+/// The rows multiply like the increment of the force, which knows of no rows: with one Poisson's ratio, with two, and at a crowded
+/// node.
+#[test]
+fn rows_are_what_increments_add() {
+    let flesh = Material::default();
+    let crowded = hedgehog(32);
+    assert!(crowded.tets.len() > 2 * 8 * 160, "too few to crowd a strip");
+    let bar = crate::mesh::bar([6, 3, 3], [0.6, 0.3, 0.3], crate::mesh::CellKind::Tet4);
+    for (mesh, ratios) in [(&bar, [0.3, 0.3]), (&bar, [0.2, 0.45]), (&crowded, [0.3, 0.3]), (&crowded, [0.2, 0.45])] {
+        let map = MaterialMap {
+            materials: ratios
+                .map(|poisson_ratio| Material { poisson_ratio, young_modulus: 1e4 / (1.0 - poisson_ratio), ..flesh })
+                .to_vec(),
+            of_cell: (0..mesh.tets.len() as u32).map(|i| i / 3 % 2).collect(),
+            stiffness_factor: Vec::new(),
+        };
+        let pattern = Arc::new(BlockPattern::from_cells(mesh.node_count(), mesh.cells()));
+        let mut model = Corotated::<f64>::new(mesh, &map, pattern.clone(), Rotations::Follow);
+        assert_eq!(model.ratio.is_some(), ratios[0] == ratios[1]);
+        let wave = |i: usize, k: usize, s: f64| 0.03 * (s * (3 * i + k) as f64).sin();
+        let moved = |s: f64| -> Vec<[f64; 3]> {
+            (0..mesh.node_count()).map(|i| std::array::from_fn(|k| wave(i, k, s))).collect()
+        };
+        let x: Vec<[f64; 3]> = mesh
+            .nodes
+            .iter()
+            .zip(moved(1.3))
+            .map(|(x, d)| std::array::from_fn(|k| 1.1 * x[(k + 1) % 3] + d[k]))
+            .collect();
+        model.linearise(&x);
+        let mut matrix = BlockCsr::zero(pattern.clone());
+        model.stiffness(0.0, 0.0, &mut matrix);
+        let (d, mut with, mut without) = (moved(0.7), moved(0.0), moved(0.0));
+        model.force(&x, Increment { displacement: Some(&d), ..Increment::none() }, &mut with);
+        model.force(&x, Increment::none(), &mut without);
+        let largest = without.iter().flatten().fold(0.0f64, |m, f| m.max(f.abs()));
+        for i in 0..mesh.node_count() {
+            for c in 0..3 {
+                let row = |k: usize| {
+                    (0..3).map(|j| matrix.values[k][3 * c + j] * d[pattern.column()[k] as usize][j]).sum::<f64>()
+                };
+                let product: f64 = pattern.row(i).map(row).sum();
+                let error = product - (with[i][c] - without[i][c]);
+                assert!(error.abs() < 1e-11 * largest, "{ratios:?} node {i}: {product} {error}");
+            }
+        }
+    }
+}
