@@ -298,7 +298,8 @@ mod tests {
     #[test]
     fn coarse_operators_are_the_dense_triple_product() {
         for case in 0..6usize {
-            let (n, coarse) = (30 + 9 * case, 4 + 3 * case);
+            // up to three strips
+            let (n, coarse) = (30 + 301 * case, 4 + 3 * case);
             let cells: Vec<[u32; 3]> =
                 (0..2 * n as u32).map(|i| [i % n as u32, (i * i + 3) % n as u32, (i * 7 + 1) % n as u32]).collect();
             let pattern = BlockPattern::from_cells(n, cells.iter().map(|c| &c[..]));
@@ -344,7 +345,7 @@ mod tests {
                     there[i][j] = true;
                     for e in 0..9 {
                         let (a, b) = (f64::from(galerkin.coarse_block(k)[e]), dense[i][j][e]);
-                        assert!((a - b).abs() < 1e-4, "block {i} {j}: {a} {b}");
+                        assert!((a - b).abs() < 1e-5 * b.abs().max(100.0), "block {i} {j}: {a} {b}");
                     }
                 }
             }
