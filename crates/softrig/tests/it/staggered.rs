@@ -147,3 +147,25 @@ fn springs_of_joints_are_refused() {
     let refused = sim.couple(&Coupling::TwoWay(two), vec![]).unwrap_err();
     assert!(matches!(&refused, CoupleError::Unsupported(s) if s.contains("`upper`")), "{refused}");
 }
+
+/// A force on the flesh of a bone is shared between its ends by how near they are: close to the joint that may move it lifts that one
+/// well, close to the one that is pinned hardly at all.
+#[test]
+fn the_nearer_end_of_a_bone_carries_more() {
+    let character = limb();
+    let motion = RestMotion(&character.skeleton);
+    // on top of the limb, 2 cm from the root and 2 cm from the elbow
+    let lifted = [2, 28].map(|ring| {
+        let action = Action::Force { mesh: 0, vertex: 24 * ring, force: [0.0, 15.0, 0.0] };
+        let s = SimulationSettings { gravity: [0.0; 3], dynamics: Dynamics::Calm, ..settings(1.0 / 60.0) };
+        let joints = [hinge([-1.0, 1.0], 0.0), JointSetup { drive: 0.0, ..JointSetup::default() }];
+        let events = vec![Event { start: 0.0, end: 9.0, action }];
+        let mut sim = staggered(1e5, s, joints, RootKind::Pinned, events);
+        sim.start(&motion).unwrap();
+        for f in 1..=10 {
+            sim.advance(&motion, f64::from(f) / 60.0).unwrap();
+        }
+        elbow(&sim).y
+    });
+    assert!(lifted[1] > 0.005 && lifted[0].abs() < 0.4 * lifted[1], "{lifted:?}");
+}
