@@ -25,7 +25,7 @@ pub use constraint::DofConstraints;
 pub use cubes::{CubeMatrix, CubePattern};
 pub use lane::{Lane, Wide};
 pub use scalar::{Scalar, either};
-pub use scatter::{CELLS, Scatter};
+pub use scatter::{CELLS, Scatter, add_four};
 pub use small::{Mat3, Vec3};
 pub use solver::{LinearSolver, LinearSystem, SolveError, SolveReport, Traffic};
 pub use wide::{Instructions, Kernel, run_wide, run_wide_with};

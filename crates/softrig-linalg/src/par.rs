@@ -31,6 +31,12 @@ pub fn sum(len: usize, f: impl Fn(Range<usize>) -> f64 + Sync) -> f64 {
     total
 }
 
+/// Chunk `c` of items that are cut into chunks of `size`; empty past the last.
+#[inline(always)]
+pub fn chunk<T>(items: &[T], c: usize, size: usize) -> &[T] {
+    items.chunks(size).nth(c).unwrap_or_default()
+}
+
 /// Hands ranges of at most `most` items, with the values that begin at `start` of their first one, to all threads; halves the work
 /// between them. (A recursion rather than a list of parts: it needs no memory.)
 pub fn divide<T: Send>(

@@ -4,7 +4,7 @@
 //! parts, few as they are, in the order of the chunks. No two threads write the same number and every sum has a fixed order, so
 //! results are bitwise equal for any thread count.
 
-use crate::par;
+use crate::{Scalar, Wide, par};
 use std::ops::Range;
 
 /// Cells of a chunk.
@@ -92,6 +92,22 @@ impl<const N: usize> Scatter<N> {
     #[must_use]
     pub fn bytes(&self) -> usize {
         size_of_val(&self.local[..]) + size_of_val(&self.start[..]) + size_of_val(&self.part[..])
+    }
+}
+
+/// Adds to the parts at one corner of four cells, number by number: `numbers[i][l]` is the `i`th of cell `l`. `local` begins at the first
+/// of these cells; what is beyond its end is added nowhere.
+#[inline(always)]
+pub fn add_four<A: Scalar, const N: usize>(
+    numbers: [&[A; 4]; 4],
+    local: &[[u16; N]],
+    corner: usize,
+    parts: &mut [[A; 4]],
+) {
+    let quads = A::transposed(numbers);
+    for (l, at) in local.iter().take(4).enumerate() {
+        let to = &mut parts[at[corner] as usize];
+        *to = (Wide(*to) + Wide(quads[l])).0;
     }
 }
 

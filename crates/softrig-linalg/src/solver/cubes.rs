@@ -6,7 +6,7 @@ use super::free::FreePattern;
 use super::pcg::kernel::{Inverse, StoreAndDot, inverse_of_block};
 use super::sliced::RowWork;
 use crate::cubes::{CORNER, corner_factors, corners, mode_factor, modes, stiffness};
-use crate::{CELLS, CubeMatrix, CubePattern, Kernel, Lane, Mat3, Scalar, Scatter, Vec3, Wide, run_wide};
+use crate::{CELLS, CubeMatrix, CubePattern, Kernel, Lane, Mat3, Scalar, Scatter, Vec3, Wide, add_four, par, run_wide};
 use rayon::prelude::*;
 use std::sync::Arc;
 
@@ -187,7 +187,7 @@ impl<A: Scalar> FreeCubes<A> {
         assert!(x.len() == self.diagonal.len() + 1);
         let Self { blocks, scatter, force, .. } = self;
         scatter.for_chunks(force, |c, local, force| {
-            let blocks = &blocks[c * TASK..((c + 1) * TASK).min(blocks.len())];
+            let blocks = par::chunk(blocks, c, TASK);
             run_wide::<A, _>(Forces { blocks, x, local, force });
         });
     }
@@ -251,11 +251,7 @@ fn hand_out<A: Scalar>(f: &Corners<A>, local: &[[u16; 8]; BLOCK], force: &mut [[
     for a in 0..8 {
         for first in (0..BLOCK).step_by(4) {
             let part = |c: usize| &f[c][a].as_chunks::<4>().0[first / 4];
-            let quads = A::transposed([part(0), part(1), part(2), &[A::zero(); 4]]);
-            for l in 0..4 {
-                let to = &mut force[local[first + l][a] as usize];
-                *to = (Wide(*to) + Wide(quads[l])).0;
-            }
+            add_four([part(0), part(1), part(2), &[A::zero(); 4]], &local[first..], a, force);
         }
     }
 }

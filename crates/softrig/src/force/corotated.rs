@@ -136,12 +136,6 @@ impl<R: Scalar> Corotated<R> {
     }
 }
 
-/// Columns of R of every hexahedron, with E and b in their fourth places.
-fn write_columns<R: Scalar>(hexes: &[HexBlock<R>], q: &[[[R; BLOCK]; 4]], columns: &mut [[[R; 4]; 3]]) {
-    let all = hexes.par_chunks(TASK).zip(q.par_chunks(TASK)).zip(columns.par_chunks_mut(TASK * BLOCK));
-    all.for_each(|((blocks, q), columns)| run_wide::<R, _>(hex::Columns { blocks, q, columns }));
-}
-
 /// lam / mu, where it is the same for all tetrahedra.
 fn ratio<R: Scalar>(tets: &[TetConstants]) -> Option<R> {
     let first = tets.first()?;
@@ -149,11 +143,6 @@ fn ratio<R: Scalar>(tets: &[TetConstants]) -> Option<R> {
     let same =
         |t: &TetConstants| (t.lambda * first.mu - first.lambda * t.mu).abs() <= 1e-14 * first.lambda.abs() * t.mu;
     tets.iter().all(same).then(|| R::from_f64(first.lambda / first.mu))
-}
-
-/// Chunk `c` of so many items.
-fn part<T>(items: &[T], c: usize, size: usize) -> &[T] {
-    &items[c * size..((c + 1) * size).min(items.len())]
 }
 
 /// The model behind its trait.
@@ -200,11 +189,13 @@ impl<R: Scalar> ForceModel<R> for Corotated<R> {
         let rotate = self.rotations == Rotations::Follow;
         let Self { tets, tet_nodes, tet_q, tet_parts, hexes, hex_nodes, hex_q, hex_parts, shapes, .. } = self;
         self.tet_scatter.for_chunks(tet_parts, |c, local, parts| {
-            let (blocks, nodes, q) = (part(tets, c, TASK), part(tet_nodes, c, CELLS), part(tet_q, c, TASK));
+            let (blocks, nodes, q) =
+                (par::chunk(tets, c, TASK), par::chunk(tet_nodes, c, CELLS), par::chunk(tet_q, c, TASK));
             run_wide::<R, _>(tet::Force { blocks, nodes, position, increment, q, local, parts });
         });
         self.hex_scatter.for_chunks(hex_parts, |c, local, parts| {
-            let (blocks, nodes, q) = (part(hexes, c, TASK), part(hex_nodes, c, CELLS), part(hex_q, c, TASK));
+            let (blocks, nodes, q) =
+                (par::chunk(hexes, c, TASK), par::chunk(hex_nodes, c, CELLS), par::chunk(hex_q, c, TASK));
             run_wide::<R, _>(hex::Force { blocks, shapes, nodes, position, increment, rotate, q, local, parts });
         });
         gather_forces((&self.tet_scatter, tet_parts), (&self.hex_scatter, hex_parts), force);
@@ -241,15 +232,16 @@ impl<R: Scalar> ForceModel<R> for Corotated<R> {
         if self.cubes.is_none() {
             return;
         }
-        write_columns(&self.hexes, &self.hex_q, &mut matrix.rotation);
-        for (cell, (lame, columns)) in matrix.lame.iter_mut().zip(&matrix.rotation).enumerate() {
-            let shape = self.hexes[cell / BLOCK].shape(cell % BLOCK);
+        let cells = matrix.rotation.par_iter_mut().zip(&mut matrix.lame).enumerate().with_min_len(CELLS);
+        cells.for_each(|(cell, (rotation, lame))| {
+            let (columns, shape) = hex::columns(&self.hexes, &self.hex_q, cell);
             let (young_modulus, b) = (columns[0][3], columns[1][3]);
             let factor = young_modulus * (R::one() + rate * (b + damping));
             if let Some(cube) = &self.shapes[shape as usize].cube {
                 *lame = [cube.lambda * factor, cube.mu * factor];
             }
-        }
+            *rotation = columns;
+        });
     }
 
     fn save(&mut self) {

@@ -158,11 +158,6 @@ impl<R: Scalar> HexBlock<R> {
         }
     }
 
-    /// Number of the shape of a cell of the block.
-    pub(super) fn shape(&self, lane: usize) -> u32 {
-        self.shape[lane]
-    }
-
     #[inline(always)]
     fn same(&self, first: usize, width: usize) -> bool {
         (1..width).all(|i| self.shape[first + i] == self.shape[first])
@@ -247,14 +242,7 @@ impl<R: Scalar> Rotate<'_, R> {
     }
 }
 
-/// The columns of R of a task's cells, with E and b in their fourth places.
-pub(super) struct Columns<'a, R> {
-    pub blocks: &'a [HexBlock<R>],
-    pub q: &'a [[[R; BLOCK]; 4]],
-    pub columns: &'a mut [[[R; 4]; 3]],
-}
-
-/// What the assembly reads of one cell: the columns of R with E and b in their fourth places, and the number of its shape.
+/// What matrices are made of for one cell: the columns of R with E and b in their fourth places, and the number of its shape.
 #[inline(always)]
 pub(super) fn columns<R: Scalar>(blocks: &[HexBlock<R>], q: &[[[R; BLOCK]; 4]], cell: usize) -> ([[R; 4]; 3], u32) {
     let (block, q, lane) = (&blocks[cell / BLOCK], &q[cell / BLOCK], cell % BLOCK);
@@ -265,24 +253,6 @@ pub(super) fn columns<R: Scalar>(blocks: &[HexBlock<R>], q: &[[[R; BLOCK]; 4]], 
         out[j] = [r[0][j].0[0], r[1][j].0[0], r[2][j].0[0], fourth[j]];
     }
     (out, block.shape[lane])
-}
-
-impl<R: Scalar> Kernel for Columns<'_, R> {
-    type Output = ();
-    #[inline(always)]
-    fn run<const W: usize>(self) {
-        for (k, block) in self.blocks.iter().enumerate() {
-            for first in (0..BLOCK).step_by(W) {
-                let r = rotation(load_q::<R, W>(&self.q[k], first)).0;
-                for (i, out) in self.columns.iter_mut().skip(k * BLOCK + first).take(W).enumerate() {
-                    let fourth = [block.scale[first + i], block.damping[first + i], R::zero()];
-                    for j in 0..3 {
-                        out[j] = [r[0][j].0[i], r[1][j].0[i], r[2][j].0[i], fourth[j]];
-                    }
-                }
-            }
-        }
-    }
 }
 
 /// Forces of a chunk's cells, added to the parts of their nodes; the fourth numbers add up to their energies.

@@ -8,7 +8,7 @@
 use super::assembly::Increment;
 use super::incidence::GROUP;
 use super::polar::{polar, rotation, symmetric};
-use softrig_linalg::{CELLS, Kernel, Lane, Mat3, Scalar, Vec3, Wide};
+use softrig_linalg::{CELLS, Kernel, Lane, Mat3, Scalar, Vec3, Wide, add_four};
 
 /// Cells of a block lie side by side in memory: a multiple of every lane count.
 pub(super) const BLOCK: usize = 16;
@@ -228,11 +228,7 @@ impl<R: Scalar, const N: usize> Corners<R, N> {
                 let [x, y, z] = &self.vector[a];
                 let (x, y, z) = (&x.as_chunks::<4>().0[k], &y.as_chunks::<4>().0[k], &z.as_chunks::<4>().0[k]);
                 let number = if a == 0 { &self.number.as_chunks::<4>().0[k] } else { &zero };
-                let quads = R::transposed([x, y, z, number]);
-                for (l, at) in local.iter().skip(4 * k).take(4).enumerate() {
-                    let to = &mut parts[at[a] as usize];
-                    *to = (Wide(*to) + Wide(quads[l])).0;
-                }
+                add_four([x, y, z, number], local.get(4 * k..).unwrap_or_default(), a, parts);
             }
         }
     }

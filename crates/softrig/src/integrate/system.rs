@@ -22,39 +22,23 @@ impl<'a, R: Scalar> StepSystem<'a, R> {
         body: &'a mut Body<R>,
         factors: (f64, f64),
         matrix: &'a mut BlockCsr<R>,
-        cubes: Option<&'a mut CubeMatrix<R>>,
+        mut cubes: Option<&'a mut CubeMatrix<R>>,
     ) -> Self {
         let factors = (R::from_f64(factors.0), R::from_f64(factors.1));
-        let mut system = Self { body, factors, matrix, cubes: None, assembled: false };
-        if let Some(cubes) = cubes {
-            system.body.model.cubes(factors.0, system.body.stiffness_damping, cubes);
-            {
-                let diagonal = system.diagonal();
-                cubes.diagonal.iter_mut().enumerate().for_each(|(i, d)| *d = diagonal(i));
-            }
-            system.cubes = Some(cubes);
+        if let Some(cubes) = &mut cubes {
+            body.model.cubes(factors.0, body.stiffness_damping, cubes);
+            let diagonal = diagonal(body, factors);
+            cubes.diagonal.iter_mut().enumerate().for_each(|(i, d)| *d = diagonal(i));
         }
-        system
+        Self { body, factors, matrix, cubes, assembled: false }
     }
+}
 
-    /// Damping by the mass of each node, and the mass where it is lumped.
-    fn diagonal(&self) -> impl Fn(usize) -> R + Sync + use<'_, 'a, R> {
-        let ((vd, ad), Body { mass, drag, mass_damping, consistent_mass, .. }) = (self.factors, &*self.body);
-        let ad = if consistent_mass.is_none() { ad } else { R::zero() };
-        move |i| vd * (drag[i] + *mass_damping * mass[i]) + ad * mass[i]
-    }
-
-    fn add_diagonal(&self, values: &mut [[R; 9]]) {
-        let (pattern, diagonal) = (&self.body.pattern, self.diagonal());
-        let start = |row: usize| pattern.row_start()[row] as usize;
-        par::divide(0..pattern.row_count(), ROWS, &start, values, &|rows, values| {
-            let first = start(rows.start);
-            for i in rows {
-                let at = pattern.diagonal()[i] as usize - first;
-                (0..3).for_each(|k| values[at][4 * k] += diagonal(i));
-            }
-        });
-    }
+/// Damping by the mass of each node, and the mass where it is lumped.
+fn diagonal<R: Scalar>(body: &Body<R>, (vd, ad): (R, R)) -> impl Fn(usize) -> R + Sync {
+    let Body { mass, drag, mass_damping, consistent_mass, .. } = body;
+    let ad = if consistent_mass.is_none() { ad } else { R::zero() };
+    move |i| vd * (drag[i] + *mass_damping * mass[i]) + ad * mass[i]
 }
 
 impl<R: Scalar> LinearSystem<R> for StepSystem<'_, R> {
@@ -71,9 +55,15 @@ impl<R: Scalar> LinearSystem<R> for StepSystem<'_, R> {
                 (0..9).for_each(|k| to[k] += from[k] * ad);
             }
         }
-        let mut values = std::mem::take(&mut self.matrix.values);
-        self.add_diagonal(&mut values);
-        self.matrix.values = values;
+        let (pattern, diagonal) = (&self.body.pattern, diagonal(self.body, self.factors));
+        let start = |row: usize| pattern.row_start()[row] as usize;
+        par::divide(0..pattern.row_count(), ROWS, &start, &mut self.matrix.values, &|rows, values| {
+            let first = start(rows.start);
+            for i in rows {
+                let at = pattern.diagonal()[i] as usize - first;
+                (0..3).for_each(|k| values[at][4 * k] += diagonal(i));
+            }
+        });
         self.matrix
     }
 

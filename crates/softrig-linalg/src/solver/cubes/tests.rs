@@ -140,7 +140,7 @@ fn check_sets<A: Scalar>() {
         cubes.load(&matrix, &free);
         let FreeCubes { blocks, scatter, force, .. } = &mut cubes;
         scatter.for_chunks(force, |c, local, force| {
-            let blocks = &blocks[c * TASK..((c + 1) * TASK).min(blocks.len())];
+            let blocks = par::chunk(blocks, c, TASK);
             run_wide_with::<A, _>(set, Forces { blocks, x: &x, local, force });
         });
         cubes.force.as_flattened().iter().map(|f| f.bits()).collect::<Vec<_>>()

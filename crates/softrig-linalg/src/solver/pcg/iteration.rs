@@ -107,7 +107,7 @@ impl<R: Scalar> Iteration<R> {
             .zip((self.p.get().par_chunks(ROWS), self.q.get().par_chunks(ROWS)))
             .enumerate()
             .for_each(|(c, ((x, r, z, partial), (p, q)))| {
-                let inverse = inverse.chunks(ROWS).nth(c).unwrap_or_default();
+                let inverse = par::chunk(inverse, c, ROWS);
                 *partial = run_wide::<R, _>(Update { alpha, p, q, inverse, x, r, z });
             });
         self.partial.iter().fold((0.0, 0.0), |sum, p| (sum.0 + p[0], sum.1 + p[1]))
