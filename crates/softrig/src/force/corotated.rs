@@ -6,9 +6,10 @@
 
 use super::ForceModel;
 use super::assembly::{Increment, Rows, gather_forces};
-use super::hex::{self, HexBlock, HexConstants, HexShape};
+use super::hex::{self, HexBlock, HexConstants, HexLoad, HexShape};
 use super::incidence::{Incidence, Strips};
-use super::tet::{self, BLOCK, TASK, TetBlock, TetConstants, tet_gradients};
+use super::load::{Internal, Product};
+use super::tet::{self, BLOCK, TASK, TetBlock, TetConstants, TetLoad, tet_gradients};
 use crate::material::MaterialMap;
 use crate::mesh::VolumeMesh;
 use rayon::prelude::*;
@@ -134,6 +135,22 @@ impl<R: Scalar> Corotated<R> {
     pub fn shape_count(&self) -> usize {
         self.shapes.len()
     }
+
+    /// Writes the forces that are asked for, and leaves what they are sums of in the parts.
+    fn forces(&mut self, load: impl TetLoad<R> + HexLoad<R> + Sync, force: &mut [[R; 3]]) {
+        let Self { tets, tet_nodes, tet_q, tet_parts, hexes, hex_nodes, hex_q, hex_parts, shapes, .. } = self;
+        self.tet_scatter.for_chunks(tet_parts, |c, local, parts| {
+            let (blocks, nodes, q) =
+                (par::chunk(tets, c, TASK), par::chunk(tet_nodes, c, CELLS), par::chunk(tet_q, c, TASK));
+            run_wide::<R, _>(tet::Forces { blocks, nodes, q, load, local, parts });
+        });
+        self.hex_scatter.for_chunks(hex_parts, |c, local, parts| {
+            let (blocks, nodes, q) =
+                (par::chunk(hexes, c, TASK), par::chunk(hex_nodes, c, CELLS), par::chunk(hex_q, c, TASK));
+            run_wide::<R, _>(hex::Forces { blocks, shapes, nodes, q, load, local, parts });
+        });
+        gather_forces((&self.tet_scatter, tet_parts), (&self.hex_scatter, hex_parts), force);
+    }
 }
 
 /// lam / mu, where it is the same for all tetrahedra.
@@ -186,21 +203,14 @@ impl<R: Scalar> ForceModel<R> for Corotated<R> {
     }
 
     fn force(&mut self, position: &[[R; 3]], increment: Increment<'_, R>, force: &mut [[R; 3]]) -> f64 {
-        let rotate = self.rotations == Rotations::Follow;
-        let Self { tets, tet_nodes, tet_q, tet_parts, hexes, hex_nodes, hex_q, hex_parts, shapes, .. } = self;
-        self.tet_scatter.for_chunks(tet_parts, |c, local, parts| {
-            let (blocks, nodes, q) =
-                (par::chunk(tets, c, TASK), par::chunk(tet_nodes, c, CELLS), par::chunk(tet_q, c, TASK));
-            run_wide::<R, _>(tet::Force { blocks, nodes, position, increment, q, local, parts });
-        });
-        self.hex_scatter.for_chunks(hex_parts, |c, local, parts| {
-            let (blocks, nodes, q) =
-                (par::chunk(hexes, c, TASK), par::chunk(hex_nodes, c, CELLS), par::chunk(hex_q, c, TASK));
-            run_wide::<R, _>(hex::Force { blocks, shapes, nodes, position, increment, rotate, q, local, parts });
-        });
-        gather_forces((&self.tet_scatter, tet_parts), (&self.hex_scatter, hex_parts), force);
+        self.forces(Internal { position, increment, rotate: self.rotations == Rotations::Follow }, force);
         let energy = |parts: &[[R; 4]]| par::sum(parts.len(), |range| parts[range].iter().map(|p| p[3].to_f64()).sum());
-        energy(tet_parts) + energy(hex_parts)
+        energy(&self.tet_parts) + energy(&self.hex_parts)
+    }
+
+    fn product(&mut self, rate: R, damping: R, x: &[[R; 3]], y: &mut [[R; 3]]) -> bool {
+        self.forces(Product { x, rate, damping }, y);
+        true
     }
 
     fn is_damped(&self) -> bool {

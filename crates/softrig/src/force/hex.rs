@@ -9,6 +9,7 @@
 #![allow(non_snake_case, reason = "symbols of the continuum mechanics literature")]
 
 use super::assembly::Increment;
+use super::load::{Internal, Product};
 use super::polar::{eigen_symmetric, polar, rotation, symmetric};
 use super::tet::{BLOCK, Corners, gather, load, load_q, store};
 use softrig_linalg::cubes::{self, CORNER};
@@ -255,21 +256,102 @@ pub(super) fn columns<R: Scalar>(blocks: &[HexBlock<R>], q: &[[[R; BLOCK]; 4]], 
     (out, block.shape[lane])
 }
 
+/// What the forces of `W` cells of one shape are made of.
+pub(super) struct HexCells<'a, R, const W: usize> {
+    shape: &'a HexShape<R>,
+    nodes: &'a [[u32; 8]],
+    first: usize,
+    rotation: Mat3<Wide<R, W>>,
+    scale: Wide<R, W>,
+    damping: Wide<R, W>,
+}
+
+impl<R: Scalar, const W: usize> HexCells<'_, R, W> {
+    /// Vectors at the corners relative to corner 0.
+    #[inline(always)]
+    fn corners(&self, from: &[[R; 3]]) -> [Vec3<Wide<R, W>>; 8] {
+        corners(from, self.nodes, self.first)
+    }
+
+    /// Forces at the corners for those in the frame of the cell and a Young's modulus of 1 Pa; `scale` is that of the cell.
+    #[inline(always)]
+    fn forces(&self, g: [Vec3<Wide<R, W>>; 8], scale: Wide<R, W>) -> [Vec3<Wide<R, W>>; 8] {
+        let mut f = g;
+        for f in &mut f {
+            *f = (self.rotation * *f).scale(scale);
+        }
+        f
+    }
+}
+
+/// Forces that hexahedra are asked for.
+pub(super) trait HexLoad<R: Scalar>: Copy {
+    /// Forces at the corners of `W` cells, and their energies.
+    fn hexes<const W: usize>(&self, cells: HexCells<'_, R, W>) -> ([Vec3<Wide<R, W>>; 8], Wide<R, W>);
+}
+
+impl<R: Scalar> HexLoad<R> for Internal<'_, R> {
+    #[inline(always)]
+    fn hexes<const W: usize>(&self, cells: HexCells<'_, R, W>) -> ([Vec3<Wide<R, W>>; 8], Wide<R, W>) {
+        let (shape, rot) = (cells.shape, cells.rotation);
+        // positions in the cell's own frame
+        let x = turned(rot, cells.corners(self.position));
+        let mut u = x;
+        for a in 0..8 {
+            u[a] -= Vec3::splat(shape.offset[a]);
+        }
+        let mut g = apply(shape, &u);
+        let mut energy = Wide([R::zero(); W]);
+        for a in 1..8 {
+            energy += u[a].dot(g[a]);
+        }
+        if self.rotate {
+            correct(shape, &x, &mut g);
+        }
+        let Increment { displacement, velocity, damping } = self.increment;
+        if displacement.is_some() || velocity.is_some() {
+            let mut y = [Vec3::zero(); 8];
+            if let Some(d) = displacement {
+                y = cells.corners(d);
+            }
+            if let Some(v) = velocity {
+                let b = cells.damping + Wide::splat(damping);
+                let v = cells.corners(v);
+                for a in 1..8 {
+                    y[a] += v[a].scale(b);
+                }
+            }
+            let added = apply(shape, &turned(rot, y));
+            for a in 0..8 {
+                g[a] += added[a];
+            }
+        }
+        (cells.forces(g, cells.scale), energy * cells.scale * Wide::constant(0.5))
+    }
+}
+
+impl<R: Scalar> HexLoad<R> for Product<'_, R> {
+    #[inline(always)]
+    fn hexes<const W: usize>(&self, cells: HexCells<'_, R, W>) -> ([Vec3<Wide<R, W>>; 8], Wide<R, W>) {
+        let factor = Wide::splat(R::one()) + Wide::splat(self.rate) * (cells.damping + Wide::splat(self.damping));
+        let g = apply(cells.shape, &turned(cells.rotation, cells.corners(self.x)));
+        (cells.forces(g, cells.scale * factor), Wide::splat(R::zero()))
+    }
+}
+
 /// Forces of a chunk's cells, added to the parts of their nodes; the fourth numbers add up to their energies.
-pub(super) struct Force<'a, R> {
+pub(super) struct Forces<'a, R, L> {
     pub blocks: &'a [HexBlock<R>],
     pub shapes: &'a [HexShape<R>],
     pub nodes: &'a [[u32; 8]],
-    pub position: &'a [[R; 3]],
-    pub increment: Increment<'a, R>,
-    pub rotate: bool,
     pub q: &'a [[[R; BLOCK]; 4]],
+    pub load: L,
     /// Part of each corner.
     pub local: &'a [[u16; 8]],
     pub parts: &'a mut [[R; 4]],
 }
 
-impl<R: Scalar> Kernel for Force<'_, R> {
+impl<R: Scalar, L: HexLoad<R>> Kernel for Forces<'_, R, L> {
     type Output = ();
     #[inline(always)]
     fn run<const W: usize>(self) {
@@ -291,7 +373,7 @@ impl<R: Scalar> Kernel for Force<'_, R> {
     }
 }
 
-impl<R: Scalar> Force<'_, R> {
+impl<R: Scalar, L: HexLoad<R>> Forces<'_, R, L> {
     /// Out of line: compiled once and not again for every instruction set.
     #[inline(never)]
     fn one_by_one(&self, k: usize, first: usize, width: usize, out: &mut Corners<R, 8>) {
@@ -303,46 +385,14 @@ impl<R: Scalar> Force<'_, R> {
     #[inline(always)]
     fn cells<const W: usize>(&self, k: usize, first: usize, out: &mut Corners<R, 8>) {
         let block = &self.blocks[k];
-        let shape = &self.shapes[block.shape[first] as usize];
-        let cell = k * BLOCK + first;
-        let rot = rotation(load_q::<R, W>(&self.q[k], first));
-        let scale = load::<R, W>(&block.scale, first);
-        // positions in the cell's own frame
-        let x = turned(rot, corners::<R, W>(self.position, self.nodes, cell));
-        let mut u = x;
-        for a in 0..8 {
-            u[a] -= Vec3::splat(shape.offset[a]);
-        }
-        let mut g = apply(shape, &u);
-        let mut energy = Wide([R::zero(); W]);
-        for a in 1..8 {
-            energy += u[a].dot(g[a]);
-        }
-        if self.rotate {
-            correct(shape, &x, &mut g);
-        }
-        if self.increment.displacement.is_some() || self.increment.velocity.is_some() {
-            let mut y = [Vec3::zero(); 8];
-            if let Some(d) = self.increment.displacement {
-                y = corners::<R, W>(d, self.nodes, cell);
-            }
-            if let Some(v) = self.increment.velocity {
-                let b = load::<R, W>(&block.damping, first) + Wide::splat(self.increment.damping);
-                let v = corners::<R, W>(v, self.nodes, cell);
-                for a in 1..8 {
-                    y[a] += v[a].scale(b);
-                }
-            }
-            let added = apply(shape, &turned(rot, y));
-            for a in 0..8 {
-                g[a] += added[a];
-            }
-        }
-        let mut f = g;
-        for f in &mut f {
-            *f = (rot * *f).scale(scale);
-        }
-        let energy = energy * scale * Wide::constant(0.5);
+        let (f, energy) = self.load.hexes(HexCells::<R, W> {
+            shape: &self.shapes[block.shape[first] as usize],
+            nodes: self.nodes,
+            first: k * BLOCK + first,
+            rotation: rotation(load_q(&self.q[k], first)),
+            scale: load(&block.scale, first),
+            damping: load(&block.damping, first),
+        });
         out.set(first, f, energy);
     }
 }

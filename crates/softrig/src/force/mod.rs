@@ -4,6 +4,7 @@ mod assembly;
 mod corotated;
 mod hex;
 mod incidence;
+mod load;
 pub mod polar;
 mod stress;
 mod stvk;
@@ -54,6 +55,12 @@ pub trait ForceModel<R: Scalar>: Send {
     /// Writes the sum of `(1 + rate (b + damping)) K` over all cells at the last linearisation point into `matrix`
     /// (overwriting it) [N/m]. `rate` [1/s] is what a unit of displacement changes the velocity by; 0 gives K.
     fn stiffness(&mut self, rate: R, damping: R, matrix: &mut BlockCsr<R>);
+
+    /// Writes what the matrix of [`Self::stiffness`] times `x` would be into `y` (overwriting it), cell by cell and without the matrix.
+    /// `x` and `y` have one vector per node. Returns false, with `y` as it was, where the model cannot.
+    fn product(&mut self, _rate: R, _damping: R, _x: &[[R; 3]], _y: &mut [[R; 3]]) -> bool {
+        false
+    }
 
     /// The cells as cubes, where that is what all of them are: then [`Self::cubes`] gives the stiffness without assembling it.
     fn cube_pattern(&self) -> Option<Arc<CubePattern>> {

@@ -7,6 +7,7 @@
 
 use super::assembly::Increment;
 use super::incidence::GROUP;
+use super::load::{Internal, Product};
 use super::polar::{polar, rotation, symmetric};
 use softrig_linalg::{CELLS, Kernel, Lane, Mat3, Scalar, Vec3, Wide, add_four};
 
@@ -234,19 +235,96 @@ impl<R: Scalar, const N: usize> Corners<R, N> {
     }
 }
 
+/// What the forces of `W` cells are made of.
+pub(super) struct TetCells<'a, R, const W: usize> {
+    nodes: &'a [[u32; 4]],
+    first: usize,
+    gradient: [Vec3<Wide<R, W>>; 3],
+    rotation: Mat3<Wide<R, W>>,
+    lambda: Wide<R, W>,
+    mu: Wide<R, W>,
+    damping: Wide<R, W>,
+}
+
+impl<R: Scalar, const W: usize> TetCells<'_, R, W> {
+    /// Σ y_a g_aᵀ of vectors at the nodes.
+    #[inline(always)]
+    fn gradient(&self, y: [Vec3<Wide<R, W>>; 4]) -> Mat3<Wide<R, W>> {
+        gradient_of(y, self.gradient)
+    }
+
+    #[inline(always)]
+    fn corners(&self, from: &[[R; 3]]) -> [Vec3<Wide<R, W>>; 4] {
+        corners(from, self.nodes, self.first)
+    }
+
+    /// Forces at the corners for a corotated strain.
+    #[inline(always)]
+    fn forces(&self, E: Mat3<Wide<R, W>>) -> [Vec3<Wide<R, W>>; 4] {
+        let (g, two) = (&self.gradient, Wide::constant(2.0));
+        let P = self.rotation * (E.scale(two * self.mu) + Mat3::diagonal(self.lambda * E.trace()));
+        let f = [P * g[0], P * g[1], P * g[2]];
+        [-(f[0] + f[1] + f[2]), f[0], f[1], f[2]]
+    }
+}
+
+/// Forces that tetrahedra are asked for.
+pub(super) trait TetLoad<R: Scalar>: Copy {
+    /// Forces at the corners of `W` cells, and their energies.
+    fn tets<const W: usize>(&self, cells: TetCells<'_, R, W>) -> ([Vec3<Wide<R, W>>; 4], Wide<R, W>);
+}
+
+impl<R: Scalar> TetLoad<R> for Internal<'_, R> {
+    #[inline(always)]
+    fn tets<const W: usize>(&self, cells: TetCells<'_, R, W>) -> ([Vec3<Wide<R, W>>; 4], Wide<R, W>) {
+        let inverse = cells.rotation.transpose();
+        let F = cells.gradient(cells.corners(self.position));
+        // corotated strain and the energy in it
+        let mut E = symmetric(inverse * F) - Mat3::identity();
+        let t = E.trace();
+        let square = E.row(0).dot(E.row(0)) + E.row(1).dot(E.row(1)) + E.row(2).dot(E.row(2));
+        let energy = cells.mu * square + cells.lambda * t * t * Wide::constant(0.5);
+        // K y is linear in the strain of y = d + b v
+        let Increment { displacement, velocity, damping } = self.increment;
+        if displacement.is_some() || velocity.is_some() {
+            let mut y = [Vec3::zero(); 4];
+            if let Some(d) = displacement {
+                y = cells.corners(d);
+            }
+            if let Some(v) = velocity {
+                let b = cells.damping + Wide::splat(damping);
+                let v = cells.corners(v);
+                for a in 0..4 {
+                    y[a] += v[a].scale(b);
+                }
+            }
+            E += symmetric(inverse * cells.gradient(y));
+        }
+        (cells.forces(E), energy)
+    }
+}
+
+impl<R: Scalar> TetLoad<R> for Product<'_, R> {
+    #[inline(always)]
+    fn tets<const W: usize>(&self, cells: TetCells<'_, R, W>) -> ([Vec3<Wide<R, W>>; 4], Wide<R, W>) {
+        let factor = Wide::splat(R::one()) + Wide::splat(self.rate) * (cells.damping + Wide::splat(self.damping));
+        let E = symmetric(cells.rotation.transpose() * cells.gradient(cells.corners(self.x)));
+        (cells.forces(E.scale(factor)), Wide::splat(R::zero()))
+    }
+}
+
 /// Forces of a chunk's cells, added to the parts of their nodes; the fourth numbers add up to their energies.
-pub(super) struct Force<'a, R> {
+pub(super) struct Forces<'a, R, L> {
     pub blocks: &'a [TetBlock<R>],
     pub nodes: &'a [[u32; 4]],
-    pub position: &'a [[R; 3]],
-    pub increment: Increment<'a, R>,
     pub q: &'a [[[R; BLOCK]; 4]],
+    pub load: L,
     /// Part of each corner.
     pub local: &'a [[u16; 4]],
     pub parts: &'a mut [[R; 4]],
 }
 
-impl<R: Scalar> Kernel for Force<'_, R> {
+impl<R: Scalar, L: TetLoad<R>> Kernel for Forces<'_, R, L> {
     type Output = ();
     #[inline(always)]
     fn run<const W: usize>(self) {
@@ -258,34 +336,15 @@ impl<R: Scalar> Kernel for Force<'_, R> {
                 if cell >= self.nodes.len() {
                     break;
                 }
-                let g = gradients::<R, W>(block, first);
-                let rot = rotation(load_q::<R, W>(&self.q[k], first));
-                let (lambda, mu) = (load::<R, W>(&block.lambda, first), load::<R, W>(&block.mu, first));
-                let two = Wide::constant(2.0);
-                let F = gradient_of(corners(self.position, self.nodes, cell), g);
-                // corotated strain and the energy in it
-                let mut E = symmetric(rot.transpose() * F) - Mat3::identity();
-                let t = E.trace();
-                let square = E.row(0).dot(E.row(0)) + E.row(1).dot(E.row(1)) + E.row(2).dot(E.row(2));
-                let energy = mu * square + lambda * t * t * Wide::constant(0.5);
-                // K y is linear in the strain of y = d + b v
-                if self.increment.displacement.is_some() || self.increment.velocity.is_some() {
-                    let mut y = [Vec3::zero(); 4];
-                    if let Some(d) = self.increment.displacement {
-                        y = corners(d, self.nodes, cell);
-                    }
-                    if let Some(v) = self.increment.velocity {
-                        let b = load::<R, W>(&block.damping, first) + Wide::splat(self.increment.damping);
-                        let v = corners(v, self.nodes, cell);
-                        for a in 0..4 {
-                            y[a] += v[a].scale(b);
-                        }
-                    }
-                    E += symmetric(rot.transpose() * gradient_of(y, g));
-                }
-                let P = rot * (E.scale(two * mu) + Mat3::diagonal(lambda * E.trace()));
-                let f = [P * g[0], P * g[1], P * g[2]];
-                let f = [-(f[0] + f[1] + f[2]), f[0], f[1], f[2]];
+                let (f, energy) = self.load.tets(TetCells::<R, W> {
+                    nodes: self.nodes,
+                    first: cell,
+                    gradient: gradients(block, first),
+                    rotation: rotation(load_q(&self.q[k], first)),
+                    lambda: load(&block.lambda, first),
+                    mu: load(&block.mu, first),
+                    damping: load(&block.damping, first),
+                });
                 out.set(first, f, energy);
             }
             out.add(&self.local[k * BLOCK..], self.parts);

@@ -87,6 +87,10 @@ impl<R: Scalar> ForceModel<R> for TimedModel<R> {
         timed(&self.clocks.assembly, || self.inner.stiffness(rate, damping, matrix));
     }
 
+    fn product(&mut self, rate: R, damping: R, x: &[[R; 3]], y: &mut [[R; 3]]) -> bool {
+        self.inner.product(rate, damping, x, y)
+    }
+
     fn cube_pattern(&self) -> Option<Arc<CubePattern>> {
         self.inner.cube_pattern()
     }

@@ -105,3 +105,60 @@ fn rows_are_what_increments_add() {
         }
     }
 }
+
+/// Cells of both kinds with materials of their own: a bar of tetrahedra, and beside it one of hexahedra.
+fn mixed() -> (VolumeMesh, MaterialMap) {
+    let mut mesh = crate::mesh::bar([7, 5, 5], [0.7, 0.5, 0.5], crate::mesh::CellKind::Tet4);
+    let other = crate::mesh::bar([6, 3, 3], [0.6, 0.3, 0.3], crate::mesh::CellKind::Hex8);
+    let first = mesh.node_count() as u32;
+    mesh.nodes.extend(other.nodes.iter().enumerate().map(|(i, [x, y, z])| {
+        // every third node is moved: cells that are cubes, and others
+        [x + 1.0, y + if i % 3 == 0 { 0.01 } else { 0.0 }, *z]
+    }));
+    mesh.hexes.extend(other.hexes.iter().map(|cell| cell.map(|n| n + first)));
+    let flesh = Material::default();
+    let cells = (mesh.tets.len() + mesh.hexes.len()) as u32;
+    let materials = vec![
+        Material { stiffness_damping: 0.02, ..flesh },
+        Material { poisson_ratio: 0.2, young_modulus: 3e4, stiffness_damping: 0.01, ..flesh },
+        Material { poisson_ratio: 0.3, ..flesh },
+    ];
+    let map = MaterialMap { materials, of_cell: (0..cells).map(|i| i / 5 % 3).collect(), stiffness_factor: Vec::new() };
+    (mesh, map)
+}
+
+/// The product without the matrix is that with it, for both kinds of cells and several materials, in a turned and bent shape; and to
+/// the bit the same on one thread and on four.
+#[test]
+fn products_are_those_of_the_matrix() {
+    let (mesh, map) = mixed();
+    let pattern = Arc::new(BlockPattern::from_cells(mesh.node_count(), mesh.cells()));
+    let mut model = Corotated::<f64>::new(&mesh, &map, pattern.clone(), Rotations::Follow);
+    let wave = |i: usize, k: usize, s: f64| 0.03 * (s * (3 * i + k) as f64).sin();
+    let bent = |(i, x): (usize, &[f64; 3])| std::array::from_fn(|k| 1.1 * x[(k + 1) % 3] + wave(i, k, 1.3));
+    let position: Vec<[f64; 3]> = mesh.nodes.iter().enumerate().map(bent).collect();
+    model.linearise(&position);
+    let x: Vec<[f64; 3]> = (0..mesh.node_count()).map(|i| std::array::from_fn(|k| wave(i, k, 0.7))).collect();
+    let mut matrix = BlockCsr::zero(pattern.clone());
+    for (rate, damping) in [(0.0, 0.0), (60.0, 0.01)] {
+        model.stiffness(rate, damping, &mut matrix);
+        let mut run = |threads| {
+            let mut y = vec![[7.0; 3]; x.len()];
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            assert!(pool.install(|| model.product(rate, damping, &x, &mut y)));
+            y
+        };
+        let y = run(1);
+        assert_eq!(y, run(4));
+        let largest = y.iter().flatten().fold(0.0f64, |m, f| m.max(f.abs()));
+        for i in 0..y.len() {
+            for c in 0..3 {
+                let of_block = |k: usize| {
+                    (0..3).map(|j| matrix.values[k][3 * c + j] * x[pattern.column()[k] as usize][j]).sum::<f64>()
+                };
+                let expected: f64 = pattern.row(i).map(of_block).sum();
+                assert!((y[i][c] - expected).abs() < 1e-13 * largest, "rate {rate}, node {i}: {} {expected}", y[i][c]);
+            }
+        }
+    }
+}
