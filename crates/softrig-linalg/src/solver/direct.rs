@@ -4,7 +4,8 @@
 
 use super::factor::Factor;
 use super::free::FreePattern;
-use super::{LinearSolver, LinearSystem, Preconditioner, SolveError, SolveReport, residual};
+use super::residual::Target;
+use super::{LinearSolver, LinearSystem, Preconditioner, SolveError, SolveReport};
 use crate::{BlockCsr, BlockPattern, DofConstraints, Scalar};
 use std::sync::Arc;
 
@@ -21,6 +22,8 @@ pub struct Direct<R> {
 struct Prepared<R> {
     whole: Arc<BlockPattern>,
     pattern: FreePattern,
+    /// Where each of its blocks is in the whole system.
+    source: Vec<u32>,
     /// `None` without free nodes.
     factor: Option<Factor>,
     identity: Vec<bool>,
@@ -38,17 +41,21 @@ impl<R: Scalar> Direct<R> {
     }
 }
 
+/// The blocks of a matrix by their place among the free ones.
+fn block_of<R: Scalar>(source: &[u32], matrix: &BlockCsr<R>) -> impl Fn(usize) -> [f64; 9] {
+    |k| matrix.values[source[k] as usize].map(Scalar::to_f64)
+}
+
 impl<R: Scalar> Preconditioner<R> for Direct<R> {
     fn load(&mut self, system: &mut dyn LinearSystem<R>) -> Result<(), SolveError> {
-        let Prepared { whole, pattern, factor, identity, .. } =
+        let Prepared { whole, pattern, source, factor, identity, .. } =
             self.prepared.as_mut().ok_or(SolveError::NotPrepared)?;
         let matrix = system.assembled();
         if *matrix.pattern != **whole {
             return Err(SolveError::NotPrepared);
         }
         let Some(factor) = factor else { return Ok(()) };
-        let made =
-            factor.load(pattern, &pattern.block_of::<R, f64>(matrix), identity).and_then(|()| factor.factorise());
+        let made = factor.load(pattern, &block_of(source, matrix), identity).and_then(|()| factor.factorise());
         made.map_err(|fault| pattern.blame(&fault))
     }
 
@@ -84,6 +91,7 @@ impl<R: Scalar> LinearSolver<R> for Direct<R> {
             if n == 0 { None } else { Some(Factor::new(&free).ok_or(SolveError::OutOfMemory { unknowns: 3 * n })?) };
         self.prepared = Some(Prepared {
             whole: Arc::clone(pattern),
+            source: free.sources(pattern),
             pattern: free,
             factor,
             identity: vec![false; n],
@@ -123,7 +131,7 @@ impl<R: Scalar> Prepared<R> {
             solution.fill([R::zero(); 3]);
             return Ok(report(0.0));
         };
-        let block_of = self.pattern.block_of::<R, f64>(matrix);
+        let block_of = block_of(&self.source, matrix);
         let made = factor.load(&self.pattern, &block_of, &mut self.identity).and_then(|()| factor.factorise());
         made.map_err(|fault| self.pattern.blame(&fault))?;
         let mut square = 0.0;
@@ -141,8 +149,8 @@ impl<R: Scalar> Prepared<R> {
                 *x += d;
                 *c = R::from_f64(*x / scale);
             }
-            let (x, out) = (&self.candidate, &mut self.true_residual);
-            let sum = residual::squared(&self.pattern, &self.identity, scale, matrix, rhs, x, out);
+            let target = Target { free: &self.pattern, rhs, scale, out: &mut self.true_residual };
+            let sum = target.from_entries(matrix, &self.identity, &self.candidate);
             let residual = (sum / square).sqrt();
             if residual <= tolerance {
                 self.pattern.scatter(&self.candidate, solution);

@@ -5,7 +5,7 @@
 
 use super::SolveError;
 use super::sliced::Fault;
-use crate::{BlockCsr, BlockPattern, DofConstraints, Scalar};
+use crate::{BlockPattern, DofConstraints, Scalar};
 use std::ops::{Deref, Range};
 use std::sync::Arc;
 
@@ -41,8 +41,8 @@ impl BlockRows {
 pub(super) struct FreePattern {
     /// Shared by all that have a matrix on it.
     pub rows: Arc<BlockRows>,
-    /// Where each block is in the matrix of the whole system; [`NOTHING`] in rows and columns that are held.
-    source: Vec<u32>,
+    /// Row of each node of the whole system; [`NOTHING`] where it has none.
+    row_of: Vec<u32>,
     /// Which rows are held; empty when none are.
     held: Vec<bool>,
 }
@@ -64,7 +64,6 @@ impl FreePattern {
     pub fn in_order(pattern: &BlockPattern, node: Vec<u32>) -> Self {
         let row_of = inverse(&node, pattern.row_count());
         let mut rows = BlockRows { node, row_start: vec![0], ..BlockRows::default() };
-        let mut source = Vec::new();
         for (row, &n) in rows.node.iter().enumerate() {
             for k in pattern.row(n as usize) {
                 let column = row_of[pattern.column()[k] as usize];
@@ -75,14 +74,12 @@ impl FreePattern {
                     rows.diagonal.push(rows.column.len() as u32);
                 }
                 rows.column.push(column);
-                source.push(k as u32);
             }
             rows.row_start.push(rows.column.len() as u32);
         }
         rows.column.shrink_to_fit();
         rows.diagonal.shrink_to_fit();
-        source.shrink_to_fit();
-        Self { rows: Arc::new(rows), source, held: Vec::new() }
+        Self { rows: Arc::new(rows), row_of, held: Vec::new() }
     }
 
     /// Rows without entries: a numbering of nodes only.
@@ -93,24 +90,14 @@ impl FreePattern {
     }
 
     /// The same rows when other nodes are constrained; `None` when a free node has no row.
-    pub fn exchanged(&self, pattern: &BlockPattern, constraints: &DofConstraints) -> Option<Self> {
+    pub fn exchanged(&self, constraints: &DofConstraints) -> Option<Self> {
         let held: Vec<bool> = self.node.iter().map(|n| constraints.is_constrained(*n as usize)).collect();
         let free = held.iter().filter(|h| !**h).count();
         if free + constraints.constrained_count() != constraints.node_count() {
             return None;
         }
-        let row_of = inverse(&self.node, pattern.row_count());
-        let mut source = Vec::with_capacity(self.column.len());
-        for (row, &n) in self.node.iter().enumerate() {
-            for k in pattern.row(n as usize) {
-                let column = row_of[pattern.column()[k] as usize];
-                if column != NOTHING {
-                    source.push(if held[row] || held[column as usize] { NOTHING } else { k as u32 });
-                }
-            }
-        }
         let held = if free == held.len() { Vec::new() } else { held };
-        Some(Self { rows: self.rows.clone(), source, held })
+        Some(Self { rows: self.rows.clone(), row_of: self.row_of.clone(), held })
     }
 
     /// The nodes of these rows and those free by `constraints`, ascending; `None` when more than half of them would be held.
@@ -138,22 +125,32 @@ impl FreePattern {
         (0..self.row_count()).filter(|row| !self.is_held(*row)).map(|row| self.node[row]).collect()
     }
 
-    /// Where a block is in the matrix of the whole system; `None` when it counts as zero.
+    /// The row of a node of the whole system.
     #[inline(always)]
-    pub fn source(&self, block: usize) -> Option<usize> {
-        let k = self.source[block];
-        (k != NOTHING).then_some(k as usize)
+    pub fn row_of(&self, node: usize) -> Option<usize> {
+        self.row_of.get(node).filter(|row| **row != NOTHING).map(|row| *row as usize)
     }
 
-    /// The blocks of a matrix of the whole system, by their place in this pattern.
-    pub fn block_of<'a, R: Scalar, A: Scalar>(
+    /// The blocks of a row among those that its node has in the whole system, by their place in the pattern; zero where row or column
+    /// are held. `columns` are the nodes of `blocks`.
+    #[inline(always)]
+    pub fn blocks_of<'a, R: Scalar, A: Scalar>(
         &'a self,
-        matrix: &'a BlockCsr<R>,
-    ) -> impl Fn(usize) -> [A; 9] + Sync + 'a {
-        |k| match self.source(k) {
-            Some(k) => matrix.values[k].map(|v| A::from_f64(v.to_f64())),
-            None => [A::zero(); 9],
-        }
+        row: usize,
+        columns: &'a [u32],
+        blocks: &'a [[R; 9]],
+    ) -> impl Iterator<Item = [A; 9]> + 'a {
+        let held = self.is_held(row);
+        columns.iter().zip(blocks).filter_map(move |(node, block)| {
+            let column = self.row_of(*node as usize)?;
+            Some(if held || self.is_held(column) { [A::zero(); 9] } else { block.map(|v| A::from_f64(v.to_f64())) })
+        })
+    }
+
+    /// Where each block is in the matrix of the whole system, whichever rows are held.
+    pub fn sources(&self, whole: &BlockPattern) -> Vec<u32> {
+        let of_node = |n: &u32| whole.row(*n as usize).filter(|k| self.row_of(whole.column()[*k] as usize).is_some());
+        self.node.iter().flat_map(of_node).map(|k| k as u32).collect()
     }
 
     /// The right-hand side of a row, in f64.
@@ -167,6 +164,7 @@ impl FreePattern {
         match *fault {
             Fault::NotFinite { row } => SolveError::NotFinite { node: self.node[row] as usize },
             Fault::NotPositiveDefinite { row } => SolveError::NotPositiveDefinite { node: self.node[row] as usize },
+            Fault::Missing { .. } => SolveError::NotPrepared,
         }
     }
 
@@ -188,10 +186,10 @@ impl FreePattern {
     }
 
     /// Writes a vector of free rows to the nodes, zero to constrained ones.
-    pub fn scatter<A: Scalar, R: Scalar>(&self, free: &[[A; 3]], nodes: &mut [[R; 3]]) {
+    pub fn scatter<A: Scalar, R: Scalar, const N: usize>(&self, free: &[[A; N]], nodes: &mut [[R; 3]]) {
         nodes.fill([R::zero(); 3]);
         for (node, x) in self.node.iter().zip(free) {
-            nodes[*node as usize] = x.map(|x| R::from_f64(x.to_f64()));
+            nodes[*node as usize] = std::array::from_fn(|k| R::from_f64(x[k].to_f64()));
         }
     }
 }

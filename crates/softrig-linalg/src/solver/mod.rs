@@ -20,7 +20,7 @@ pub use multigrid::{Interpolation, Marking, Multigrid, MultigridSettings, Outer,
 pub use pcg::Pcg;
 pub use precondition::{Operator, Preconditioner};
 
-use crate::{BlockCsr, BlockPattern, CubeMatrix, DofConstraints, Scalar};
+use crate::{BlockCsr, BlockPattern, CubeMatrix, DofConstraints, Rows, Scalar};
 use std::sync::Arc;
 
 /// Below this tolerance iterations run in the caller's numbers: f32 would have to start again too often.
@@ -94,9 +94,19 @@ pub enum SolveError {
 }
 
 /// A matrix that is assembled only when someone asks for its entries.
-pub trait LinearSystem<R> {
+pub trait LinearSystem<R: Scalar> {
     /// All entries.
     fn assembled(&mut self) -> &BlockCsr<R>;
+
+    /// The rows, for those who go through them once; made one by one where that is possible.
+    fn rows(&mut self) -> &dyn Rows<R> {
+        self.assembled()
+    }
+
+    /// Writes `A x` for all nodes to `y`, where that can be done without the entries; otherwise returns false.
+    fn product(&mut self, _x: &[[R; 3]], _y: &mut [[R; 3]]) -> bool {
+        false
+    }
 
     /// The same matrix as a sum of cubes, where it is one: its products cost a fraction of those of the entries.
     fn cubes(&mut self) -> Option<&CubeMatrix<R>> {
@@ -113,7 +123,7 @@ pub trait LinearSystem<R> {
 /// Solves `A x = b` on the free nodes, for a symmetric positive definite `A`.
 ///
 /// `A` may hold anything in the rows and columns of constrained nodes: solvers ignore them and leave `x` zero there.
-pub trait LinearSolver<R>: Send {
+pub trait LinearSolver<R: Scalar>: Send {
     /// Name for reports.
     fn name(&self) -> &'static str;
 
@@ -166,7 +176,7 @@ pub trait LinearSolver<R>: Send {
 /// A matrix that is there already.
 struct Stored<'a, R>(&'a BlockCsr<R>);
 
-impl<R> LinearSystem<R> for Stored<'_, R> {
+impl<R: Scalar> LinearSystem<R> for Stored<'_, R> {
     fn assembled(&mut self) -> &BlockCsr<R> {
         self.0
     }

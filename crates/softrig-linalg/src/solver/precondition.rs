@@ -12,7 +12,7 @@ use crate::{Scalar, run_wide};
 use rayon::prelude::*;
 
 /// An approximate inverse of a system on its free nodes: symmetric positive definite up to rounding.
-pub trait Preconditioner<R> {
+pub trait Preconditioner<R: Scalar> {
     /// Takes the numbers of a system on the pattern and constraints its solver was prepared for. What is costly and may lag
     /// behind is kept from earlier calls until the solver is told to forget.
     ///
@@ -70,20 +70,19 @@ impl<A: Scalar> Operator<A> {
             return;
         }
         self.cubes = None;
-        let matrix = system.assembled();
-        let n = matrix.pattern.row_count();
+        let rows = system.rows();
+        let n = rows.pattern().row_count();
         let blocks = self.all.column.len();
-        let same = self.stored.is_some() && blocks == matrix.values.len() && self.all.row_count() == n;
+        let same = self.stored.is_some() && blocks == rows.pattern().block_count() && self.all.row_count() == n;
         if !same {
-            self.all = FreePattern::in_order(&matrix.pattern, (0..n as u32).collect());
+            self.all = FreePattern::in_order(rows.pattern(), (0..n as u32).collect());
             let made = Sliced::new(&self.all, &[0, n as u32]);
             self.stored =
                 Some(Stored { matrix: made, inverse: vec![[[A::zero(); 4]; 3]; n], identity: vec![false; n] });
         }
         if let Some(stored) = &mut self.stored {
-            let block_of = self.all.block_of(matrix);
             // a diagonal block without an inverse belongs to a node that takes no part
-            let _ = stored.matrix.load(&self.all, &block_of, &mut stored.inverse, &mut stored.identity);
+            let _ = stored.matrix.load(&self.all, rows, &mut stored.inverse, &mut stored.identity);
         }
         self.make_room(n);
     }

@@ -8,7 +8,6 @@ use super::incidence::{Cells, GROUP, GROUPS, Incidence, Strips};
 use super::tet::{BLOCK, TetBlock, warp};
 use rayon::prelude::*;
 use softrig_linalg::{BlockPattern, Kernel, Lane, Scalar, Scatter, Wide, par, run_wide};
-use std::ops::Range;
 
 /// Most blocks of a row: their places are counted in 16 bits.
 pub(crate) const LONGEST_ROW: usize = 1 << 16;
@@ -78,15 +77,27 @@ impl<R: Scalar> Rows<'_, R> {
     pub(super) fn write(&self, values: &mut [[R; 9]]) {
         let start = |strip: usize| self.pattern.row_start()[self.strips.nodes(strip).start] as usize;
         par::divide(0..self.strips.count(), STRIPS, &start, values, &|strips, values| {
-            run_wide::<R, _>(RowKernel { rows: self, strips, values });
+            let mut rest = values;
+            for strip in strips {
+                self.hand_out(strip, &mut |_, blocks| {
+                    let (values, after) = std::mem::take(&mut rest).split_at_mut(blocks.len());
+                    values.copy_from_slice(blocks);
+                    rest = after;
+                });
+            }
         });
+    }
+
+    /// Hands the row of each node of a strip to `take`, in order.
+    pub(super) fn hand_out(&self, strip: usize, take: &mut dyn FnMut(usize, &mut [[R; 9]])) {
+        run_wide::<R, _>(RowKernel { rows: self, strip, take });
     }
 }
 
 struct RowKernel<'a, R> {
     rows: &'a Rows<'a, R>,
-    strips: Range<usize>,
-    values: &'a mut [[R; 9]],
+    strip: usize,
+    take: &'a mut dyn FnMut(usize, &mut [[R; 9]]),
 }
 
 type Quad<R> = Wide<R, 4>;
@@ -98,44 +109,49 @@ impl<R: Scalar> Kernel for RowKernel<'_, R> {
     /// Rows of 3x3 blocks as four lanes, the fourth idle; cells are turned as many at a time as the machine likes.
     #[inline(always)]
     fn run<const W: usize>(self) {
-        let Self { rows, strips, values } = self;
+        let Self { rows, strip, take } = self;
         let zero = Quad::<R>::splat(R::zero());
         let mut warped: Warped<R> = [[[R::zero(); 4]; 3]; GROUPS * GROUP];
         let mut sums = [[zero; 3]; WINDOW];
-        let mut rest = values;
-        for strip in strips {
-            if let Cells::Groups(groups) = rows.strips.cells(strip) {
-                for (group, out) in groups.iter().zip(warped.as_chunks_mut::<GROUP>().0) {
-                    warp::<R, W>(rows.tet_blocks, rows.tet_q, *group as usize, out);
-                }
+        let mut short = [[R::zero(); 9]; WINDOW];
+        let mut long = Vec::new();
+        if let Cells::Groups(groups) = rows.strips.cells(strip) {
+            for (group, out) in groups.iter().zip(warped.as_chunks_mut::<GROUP>().0) {
+                warp::<R, W>(rows.tet_blocks, rows.tet_q, *group as usize, out);
             }
-            for node in rows.strips.nodes(strip) {
-                let row = rows.pattern.row(node);
-                let (values, after) = rest.split_at_mut(row.len());
-                rest = after;
-                let own = rows.pattern.diagonal()[node] as usize - row.start;
-                // K maps rigid translations to zero: the diagonal is minus the sum of the others
-                let mut diagonal = [zero; 3];
-                for window in (0..row.len()).step_by(WINDOW) {
-                    let len = (row.len() - window).min(WINDOW);
-                    sums[..len].fill([zero; 3]);
-                    match rows.strips.cells(strip) {
-                        Cells::Groups(_) => tet_row(rows, node, window, &warped, &mut sums[..len]),
-                        Cells::Crowded(slots) => crowded_row(rows, slots, node, window, &mut sums),
-                    }
-                    hex_row(rows, node, window, &mut sums);
-                    for k in 0..len {
-                        if window + k != own {
-                            let s = sums[k];
-                            for i in 0..3 {
-                                diagonal[i] -= s[i];
-                            }
-                            values[window + k] = flat(s);
+        }
+        for node in rows.strips.nodes(strip) {
+            let row = rows.pattern.row(node);
+            let values = match short.get_mut(..row.len()) {
+                Some(short) => short,
+                None => {
+                    long.resize(row.len(), [R::zero(); 9]);
+                    &mut long[..]
+                }
+            };
+            let own = rows.pattern.diagonal()[node] as usize - row.start;
+            // K maps rigid translations to zero: the diagonal is minus the sum of the others
+            let mut diagonal = [zero; 3];
+            for window in (0..row.len()).step_by(WINDOW) {
+                let len = (row.len() - window).min(WINDOW);
+                sums[..len].fill([zero; 3]);
+                match rows.strips.cells(strip) {
+                    Cells::Groups(_) => tet_row(rows, node, window, &warped, &mut sums[..len]),
+                    Cells::Crowded(slots) => crowded_row(rows, slots, node, window, &mut sums),
+                }
+                hex_row(rows, node, window, &mut sums);
+                for k in 0..len {
+                    if window + k != own {
+                        let s = sums[k];
+                        for i in 0..3 {
+                            diagonal[i] -= s[i];
                         }
+                        values[window + k] = flat(s);
                     }
                 }
-                values[own] = flat(diagonal);
             }
+            values[own] = flat(diagonal);
+            take(node, values);
         }
     }
 }

@@ -130,6 +130,22 @@ impl<R: Scalar> Corotated<R> {
         model
     }
 
+    fn rows(&self, rate: R, damping: R) -> Rows<'_, R> {
+        Rows {
+            pattern: &self.pattern,
+            strips: &self.strips,
+            tet_blocks: &self.tets,
+            tet_q: &self.tet_q,
+            ratio: self.ratio,
+            hexes: &self.hex_incidence,
+            hex_blocks: &self.hexes,
+            hex_q: &self.hex_q,
+            shapes: &self.shapes,
+            rate,
+            damping,
+        }
+    }
+
     /// Number of distinct hexahedron shapes (shape and Poisson's ratio) that have a stiffness of their own.
     #[must_use]
     pub fn shape_count(&self) -> usize {
@@ -218,20 +234,15 @@ impl<R: Scalar> ForceModel<R> for Corotated<R> {
     }
 
     fn stiffness(&mut self, rate: R, damping: R, matrix: &mut BlockCsr<R>) {
-        Rows {
-            pattern: &self.pattern,
-            strips: &self.strips,
-            tet_blocks: &self.tets,
-            tet_q: &self.tet_q,
-            ratio: self.ratio,
-            hexes: &self.hex_incidence,
-            hex_blocks: &self.hexes,
-            hex_q: &self.hex_q,
-            shapes: &self.shapes,
-            rate,
-            damping,
-        }
-        .write(&mut matrix.values);
+        self.rows(rate, damping).write(&mut matrix.values);
+    }
+
+    fn row_parts(&self) -> usize {
+        self.strips.count()
+    }
+
+    fn stiffness_rows(&self, rate: R, damping: R, part: usize, take: &mut dyn FnMut(usize, &mut [[R; 9]])) {
+        self.rows(rate, damping).hand_out(part, take);
     }
 
     fn cube_pattern(&self) -> Option<Arc<CubePattern>> {

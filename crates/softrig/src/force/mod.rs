@@ -39,7 +39,7 @@ pub enum ElasticModel {
 /// Internal force and stiffness of a body. Sign: f_int as on the left of `M a + C v + f_int(x) = f_ext`.
 ///
 /// A model is linearised at a position first; force and stiffness are then those of that linearisation.
-pub trait ForceModel<R: Scalar>: Send {
+pub trait ForceModel<R: Scalar>: Send + Sync {
     /// Moves the linearisation point to `position` [m], one per node: rotations of cells, warm-started from the last call.
     fn linearise(&mut self, position: &[[R; 3]]);
 
@@ -61,6 +61,15 @@ pub trait ForceModel<R: Scalar>: Send {
     fn product(&mut self, _rate: R, _damping: R, _x: &[[R; 3]], _y: &mut [[R; 3]]) -> bool {
         false
     }
+
+    /// How many parts [`Self::stiffness_rows`] makes the rows in; 0 for models that only write all of them.
+    fn row_parts(&self) -> usize {
+        0
+    }
+
+    /// Hands the rows of a part of what [`Self::stiffness`] writes to `take`, one after the other: the node, and the blocks of its row in the order
+    /// of the pattern, which `take` may change. Each row is in one part. Parts may be made on several threads at once.
+    fn stiffness_rows(&self, _rate: R, _damping: R, _part: usize, _take: &mut dyn FnMut(usize, &mut [[R; 9]])) {}
 
     /// The cells as cubes, where that is what all of them are: then [`Self::cubes`] gives the stiffness without assembling it.
     fn cube_pattern(&self) -> Option<Arc<CubePattern>> {

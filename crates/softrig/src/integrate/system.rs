@@ -1,7 +1,9 @@
 //! The linear system of a step, assembled only for solvers that read its entries.
 
 use crate::body::Body;
-use softrig_linalg::{BlockCsr, CubeMatrix, LinearSystem, Scalar, par};
+use rayon::prelude::*;
+use softrig_linalg::{BlockCsr, BlockPattern, CubeMatrix, LinearSystem, Rows, Scalar, par};
+use std::sync::Arc;
 
 /// Rows per task.
 const ROWS: usize = 1024;
@@ -67,11 +69,48 @@ impl<R: Scalar> LinearSystem<R> for StepSystem<'_, R> {
         self.matrix
     }
 
+    fn rows(&mut self) -> &dyn Rows<R> {
+        let possible = self.body.model.row_parts() > 0 && self.body.consistent_mass.is_none();
+        if possible && !self.assembled { self } else { self.assembled() }
+    }
+
+    fn product(&mut self, x: &[[R; 3]], y: &mut [[R; 3]]) -> bool {
+        let Self { body, factors, .. } = self;
+        if body.consistent_mass.is_some() || !body.model.product(factors.0, body.stiffness_damping, x, y) {
+            return false;
+        }
+        let diagonal = diagonal(body, *factors);
+        y.par_iter_mut().zip(x).enumerate().with_min_len(ROWS).for_each(|(i, (y, x))| {
+            let d = diagonal(i);
+            (0..3).for_each(|k| y[k] += d * x[k]);
+        });
+        true
+    }
+
     fn cubes(&mut self) -> Option<&CubeMatrix<R>> {
         self.cubes.as_deref()
     }
 
     fn rotations(&mut self, out: &mut Vec<[R; 4]>) {
         self.body.model.write_history(out);
+    }
+}
+
+impl<R: Scalar> Rows<R> for StepSystem<'_, R> {
+    fn pattern(&self) -> &Arc<BlockPattern> {
+        &self.body.pattern
+    }
+
+    fn part_count(&self) -> usize {
+        self.body.model.row_parts()
+    }
+
+    fn for_rows(&self, part: usize, take: &mut dyn FnMut(usize, &[[R; 9]])) {
+        let (pattern, diagonal) = (&self.body.pattern, diagonal(self.body, self.factors));
+        self.body.model.stiffness_rows(self.factors.0, self.body.stiffness_damping, part, &mut |node, blocks| {
+            let own = pattern.diagonal()[node] as usize - pattern.row_start()[node] as usize;
+            (0..3).for_each(|k| blocks[own][4 * k] += diagonal(node));
+            take(node, blocks);
+        });
     }
 }

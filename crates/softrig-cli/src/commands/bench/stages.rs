@@ -91,6 +91,18 @@ impl<R: Scalar> ForceModel<R> for TimedModel<R> {
         self.inner.product(rate, damping, x, y)
     }
 
+    fn row_parts(&self) -> usize {
+        self.inner.row_parts()
+    }
+
+    /// Parts are made on all threads: each counts for its share of the time that passes. What is done with the rows counts too.
+    fn stiffness_rows(&self, rate: R, damping: R, part: usize, take: &mut dyn FnMut(usize, &mut [[R; 9]])) {
+        let start = Instant::now();
+        self.inner.stiffness_rows(rate, damping, part, take);
+        let share = start.elapsed().as_nanos() / rayon::current_num_threads().max(1) as u128;
+        self.clocks.assembly.fetch_add(u64::try_from(share).unwrap_or(u64::MAX), Ordering::Relaxed);
+    }
+
     fn cube_pattern(&self) -> Option<Arc<CubePattern>> {
         self.inner.cube_pattern()
     }

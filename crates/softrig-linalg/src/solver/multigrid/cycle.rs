@@ -8,8 +8,8 @@ use super::settings::{Marking, MultigridSettings, Smoother};
 use crate::solver::factor::Factor;
 use crate::solver::free::FreePattern;
 use crate::solver::quads::Quads;
-use crate::solver::sliced::Fault;
-use crate::{CubeMatrix, Scalar, Traffic, par};
+use crate::solver::sliced::{Fault, Sliced};
+use crate::{CubeMatrix, Rows, Scalar, Traffic, par};
 use rayon::prelude::*;
 use std::sync::Arc;
 
@@ -88,9 +88,14 @@ impl Cycle {
         Some(Self { levels, galerkin, coarsest, factorised: false, coarsest_identity, coarsest_rhs })
     }
 
-    /// Takes the blocks of the finest level, by their place in the pattern: products use these from now on.
-    pub fn load(&mut self, block_of: &(impl Fn(usize) -> [f32; 9] + Sync)) -> Result<(), Fault> {
-        self.levels[0].load(block_of)
+    /// Takes the rows of the system, whose pattern is `free`: products use these from now on.
+    pub fn load<R: Scalar>(&mut self, free: &FreePattern, rows: &dyn Rows<R>) -> Result<(), Fault> {
+        self.levels[0].load_rows(free, rows)
+    }
+
+    /// The matrix of the finest level.
+    pub fn finest(&self) -> Option<&Sliced<f32>> {
+        self.levels[0].matrix()
     }
 
     /// Takes the cubes of the finest level, whose pattern is `free`: products use these from now on.
@@ -141,17 +146,14 @@ impl Cycle {
         self.levels[0].product_dot(p, q)
     }
 
-    /// Makes the coarse operators from the blocks of the finest level, which has been loaded.
-    pub fn rebuild(&mut self, block_of: &(impl Fn(usize) -> [f32; 9] + Sync)) {
-        for l in 0..self.galerkin.len() {
+    /// Makes the coarse operators from the blocks of the finest level, whose rows have been loaded.
+    pub fn rebuild(&mut self) {
+        for (l, galerkin) in self.galerkin.iter_mut().enumerate() {
             let (fine, coarse) = self.levels.split_at_mut(l + 1);
-            let (before, galerkin) = self.galerkin.split_at_mut(l);
-            match before.last() {
-                None => galerkin[0].refresh(&fine[l].pattern, block_of),
-                Some(finer) => galerkin[0].refresh(&fine[l].pattern, &|k| finer.coarse_block(k)),
-            }
+            let Some(matrix) = fine[l].matrix() else { return };
+            galerkin.refresh(&fine[l].pattern, &|row, k| matrix.block(row, k));
             // a diagonal block that has no inverse is left out of the smoothing
-            let _ = coarse[0].load(&|k| galerkin[0].coarse_block(k));
+            let _ = coarse[0].load(&|k| galerkin.coarse_block(k));
         }
         for level in &mut self.levels {
             level.estimate_spectrum();

@@ -179,8 +179,8 @@ impl Galerkin {
         if self.source[k] < MIRRORED { m } else { [m[0], m[3], m[6], m[1], m[4], m[7], m[2], m[5], m[8]] }
     }
 
-    /// Makes the coarse blocks for the fine ones, which are those of a symmetric matrix.
-    pub fn refresh(&mut self, fine: &BlockRows, fine_block: &(impl Fn(usize) -> [f32; 9] + Sync)) {
+    /// Makes the coarse blocks for the fine ones, which are those of a symmetric matrix, by their row and place in it.
+    pub fn refresh(&mut self, fine: &BlockRows, fine_block: &(impl Fn(usize, usize) -> [f32; 9] + Sync)) {
         let mut parts = std::mem::take(&mut self.parts);
         let at = |s: usize| self.strips[s].part;
         par::divide(0..self.strips.len() - 1, 1, &at, &mut parts, &|strips, parts| {
@@ -210,7 +210,7 @@ struct FillStrip<'a, F> {
     parts: &'a mut [[f32; 9]],
 }
 
-impl<F: Fn(usize) -> [f32; 9] + Sync> Kernel for FillStrip<'_, F> {
+impl<F: Fn(usize, usize) -> [f32; 9] + Sync> Kernel for FillStrip<'_, F> {
     type Output = ();
     #[inline(always)]
     fn run<const W: usize>(self) {
@@ -224,8 +224,8 @@ impl<F: Fn(usize) -> [f32; 9] + Sync> Kernel for FillStrip<'_, F> {
         for (i, width) in order[strip.row..end.row].iter().zip(&places.width[strip.row..]) {
             let (i, width) = (*i as usize, *width as usize);
             parts[..width].fill([0.0; 9]);
-            for k in self.fine.row(i) {
-                let a = (self.fine_block)(k);
+            for (at, k) in self.fine.row(i).enumerate() {
+                let a = (self.fine_block)(i, at);
                 for (w, at) in p.weight[p.row(self.fine.column[k] as usize)].iter().zip(&mut gather) {
                     add(&mut parts[*at as usize], *w, &a);
                 }
@@ -324,7 +324,7 @@ mod tests {
                 std::array::from_fn(|e| number(3 * i + e / 3, 3 * j + e % 3))
             };
             let mut galerkin = Galerkin::new(&fine, &p);
-            galerkin.refresh(&fine, &block);
+            galerkin.refresh(&fine, &|i, at| block(fine.row(i).start + at));
             let mut dense = vec![vec![[0.0f64; 9]; p.coarse_count]; p.coarse_count];
             for i in 0..fine.row_count() {
                 for k in fine.row(i) {

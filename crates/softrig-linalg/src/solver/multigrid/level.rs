@@ -8,7 +8,7 @@ use crate::solver::free::{BlockRows, FreePattern};
 use crate::solver::pcg::kernel::Inverse;
 use crate::solver::quads::Quads;
 use crate::solver::sliced::{Fault, ROWS, Sliced};
-use crate::{CubeMatrix, run_wide};
+use crate::{CubeMatrix, Rows, Scalar, run_wide};
 use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::Arc;
@@ -80,11 +80,23 @@ impl Level {
     pub fn load(&mut self, block_of: &(impl Fn(usize) -> [f32; 9] + Sync)) -> Result<(), Fault> {
         self.by_cubes = false;
         let matrix = self.matrix.get_or_insert_with(|| Sliced::new(&self.pattern, &self.colours));
-        matrix.load(&self.pattern, block_of, &mut self.inverse, &mut self.identity)
+        matrix.load_blocks(&self.pattern, block_of, &mut self.inverse, &mut self.identity)
+    }
+
+    /// Takes the rows of the whole system, whose free part is `free`; from now on products take these.
+    pub fn load_rows<R: Scalar>(&mut self, free: &FreePattern, rows: &dyn Rows<R>) -> Result<(), Fault> {
+        self.by_cubes = false;
+        let matrix = self.matrix.get_or_insert_with(|| Sliced::new(&self.pattern, &self.colours));
+        matrix.load(free, rows, &mut self.inverse, &mut self.identity)
+    }
+
+    /// The blocks, where they have been loaded.
+    pub fn matrix(&self) -> Option<&Sliced<f32>> {
+        self.matrix.as_ref()
     }
 
     /// Makes products take these cubes; `free` is the pattern.
-    pub fn load_cubes<R: crate::Scalar>(&mut self, matrix: &CubeMatrix<R>, free: &FreePattern) {
+    pub fn load_cubes<R: Scalar>(&mut self, matrix: &CubeMatrix<R>, free: &FreePattern) {
         self.by_cubes = true;
         let made = self.cubes.take().filter(|c| c.belongs_to(&matrix.pattern));
         let cubes = self.cubes.insert(made.unwrap_or_else(|| FreeCubes::new(&matrix.pattern, free)));

@@ -24,7 +24,7 @@ pub use settings::{Marking, MultigridSettings, Outer, Rebuild, Smoother};
 pub(super) use cycle::Cycle;
 
 use super::free::FreePattern;
-use super::pcg::{ITERATION_LIMIT, Iteration, Source};
+use super::pcg::{Asked, ITERATION_LIMIT, Iteration, Whole};
 use super::{BELOW_SINGLE, LinearSolver, LinearSystem, Preconditioner, SolveError, SolveReport, Stored, Traffic};
 use crate::{BlockCsr, BlockPattern, DofConstraints, Scalar, either};
 use age::Age;
@@ -50,6 +50,7 @@ pub struct Multigrid<R> {
     exact: Option<Iteration<R>>,
     cycle: Option<Cycle>,
     age: Age,
+    memory: Whole<R>,
     /// Rotations of the cells at the last rebuild, and now.
     built: Vec<[R; 4]>,
     turned: Vec<[R; 4]>,
@@ -86,6 +87,7 @@ impl<R: Scalar> Multigrid<R> {
             exact: None,
             cycle: None,
             age: Age::default(),
+            memory: Whole::default(),
             built: Vec::new(),
             turned: Vec::new(),
         }
@@ -140,7 +142,26 @@ impl<R: Scalar> Multigrid<R> {
         tolerance: f64,
     ) -> Result<SolveReport, SolveError> {
         let exact = self.pcg.beside(&mut self.exact)?;
-        exact.solve_with(Source::of(system), rhs, solution, tolerance, self.cycle.as_mut(), true)
+        let asked = &mut Asked { system, memory: &mut self.memory };
+        exact.solve_with(asked, rhs, solution, tolerance, self.cycle.as_mut(), true)
+    }
+
+    /// Gives the cycle a system: the cubes where it has some and the smoother can use them, the rows otherwise, and for a rebuild.
+    /// Returns whether products take the cubes.
+    fn load_cycle(&mut self, system: &mut dyn LinearSystem<R>, rebuild: bool) -> Result<bool, SolveError> {
+        let cycle = self.cycle.as_mut().ok_or(SolveError::NotPrepared)?;
+        let free = self.pcg.free();
+        let cubes = matches!(self.settings.smoother, Smoother::Chebyshev { .. }) && system.cubes().is_some();
+        if rebuild || !cubes {
+            cycle.load(free, system.rows()).map_err(|fault| free.blame(&fault))?;
+        }
+        if let Some(matrix) = system.cubes().filter(|_| cubes) {
+            cycle.load_cubes(matrix, free);
+        }
+        if rebuild {
+            cycle.rebuild();
+        }
+        Ok(cubes)
     }
 
     /// Are the coarse operators too old for this system?
@@ -175,7 +196,7 @@ impl<R: Scalar> LinearSolver<R> for Multigrid<R> {
 
     fn prepare(&mut self, pattern: &Arc<BlockPattern>, constraints: &DofConstraints) -> Result<(), SolveError> {
         let known = self.pcg.prepared().is_some_and(|p| Arc::ptr_eq(p, pattern) || **p == **pattern);
-        let exchanged = |free: &FreePattern| if known { free.exchanged(pattern, constraints) } else { None };
+        let exchanged = |free: &FreePattern| if known { free.exchanged(constraints) } else { None };
         let mut masked = exchanged(self.pcg.free());
         if masked.is_none() {
             // whoever exchanges once does it again: rows that have been free stay
@@ -211,40 +232,23 @@ impl<R: Scalar> LinearSolver<R> for Multigrid<R> {
         if self.cycle.is_none() {
             return self.solve_exactly(system, rhs, solution, tolerance);
         }
+        self.pcg.check(system, rhs, solution)?;
         let rebuild = self.is_stale(system) || self.age.is_over();
+        let cubes = self.load_cycle(system, rebuild)?;
         let Some(cycle) = &mut self.cycle else { return Err(SolveError::NotPrepared) };
-        let cubes = matches!(self.settings.smoother, Smoother::Chebyshev { .. }) && system.cubes().is_some();
-        if !cubes {
-            let matrix = system.assembled();
-            self.pcg.check(matrix, rhs, solution)?;
-            let free = self.pcg.free();
-            cycle.load(&free.block_of(matrix)).map_err(|fault| free.blame(&fault))?;
-            if rebuild {
-                cycle.rebuild(&free.block_of(matrix));
-            }
-            self.pcg.set_identity(cycle.identity());
-        } else {
-            if let Some(matrix) = system.cubes() {
-                cycle.load_cubes(matrix, self.pcg.free());
-            }
-            if rebuild {
-                let matrix = system.assembled();
-                self.pcg.check(matrix, rhs, solution)?;
-                cycle.rebuild(&self.pcg.free().block_of(matrix));
-            }
-        }
+        self.pcg.set_identity(cycle.identity());
         if rebuild {
             std::mem::swap(&mut self.built, &mut self.turned);
             self.age = Age::default();
         }
-        let source = if cubes { Source::of(system) } else { Source::Stored(system.assembled()) };
+        let asked = &mut Asked { system, memory: &mut self.memory };
         let report = match self.settings.outer {
-            Outer::Cycles { count } => self.pcg.cycle_with(source, rhs, solution, tolerance, cycle, count),
+            Outer::Cycles { count } => self.pcg.cycle_with(asked, rhs, solution, tolerance, cycle, count),
             Outer::ConjugateGradients if tolerance < BELOW_SINGLE => {
                 let exact = self.pcg.beside(&mut self.exact)?;
-                exact.solve_with(source, rhs, solution, tolerance, Some(cycle), true)
+                exact.solve_with(asked, rhs, solution, tolerance, Some(cycle), true)
             }
-            Outer::ConjugateGradients => self.pcg.solve_with(source, rhs, solution, tolerance, Some(cycle), false),
+            Outer::ConjugateGradients => self.pcg.solve_with(asked, rhs, solution, tolerance, Some(cycle), false),
         };
         match report {
             Ok(r) => {

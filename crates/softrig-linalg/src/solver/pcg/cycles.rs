@@ -1,6 +1,6 @@
 //! Multigrid cycles without conjugate gradients: the same true residual, another iteration.
 
-use super::{Iteration, Source};
+use super::{Asked, Iteration};
 use crate::Scalar;
 use crate::solver::multigrid::Cycle;
 use crate::solver::{SolveError, SolveReport};
@@ -15,15 +15,15 @@ impl<R: Scalar> Iteration<R> {
     /// each, the residual is that of the caller's system in f64.
     pub(in crate::solver) fn cycle_with<B: Scalar>(
         &mut self,
-        source: Source<'_, B>,
+        asked: &mut Asked<'_, B>,
         rhs: &[[B; 3]],
         solution: &mut [[B; 3]],
         tolerance: f64,
         cycle: &mut Cycle,
         count: Option<usize>,
     ) -> Result<SolveReport, SolveError> {
-        self.check_source(source, rhs, solution)?;
-        self.load(source, false, false)?;
+        self.check(asked.system, rhs, solution)?;
+        self.load(asked.system, false, false)?;
         let report = |iterations, residual| SolveReport {
             solver: "multigrid",
             iterations,
@@ -38,18 +38,15 @@ impl<R: Scalar> Iteration<R> {
         let norm = self.begin(rhs, scale).sqrt();
         let (mut residual, mut iterations) = (1.0, 0);
         while count.map_or(residual > tolerance, |n| iterations < n) {
-            for (r, t) in self.r.get_mut().iter_mut().zip(&self.true_residual) {
-                *r = [R::from_f64(t[0]), R::from_f64(t[1]), R::from_f64(t[2]), R::zero()];
-            }
             cycle.apply(self.r.get(), self.x.get_mut());
-            residual = self.examine(source, rhs, scale, 1.0).sqrt() / norm;
+            residual = self.examine(asked, rhs, scale, 1.0, cycle.finest()).sqrt() / norm;
             iterations += 1;
             let hopeless = residual.is_nan() || residual > DIVERGED;
             if hopeless || (count.is_none() && iterations == MOST_CYCLES && residual > tolerance) {
                 return Err(SolveError::NotConverged { solver: "multigrid", residual, iterations, tolerance });
             }
         }
-        self.pattern.scatter(&self.candidate, solution);
+        self.pattern.scatter(self.candidate.get(), solution);
         Ok(report(iterations, residual))
     }
 }

@@ -9,14 +9,15 @@
 //! the solution, so that an iteration in f32 reaches the digits of f64.
 
 use super::kernel::{Direction, Inverse, Product, Update};
-use super::load::{CubeProducts, Source};
+use super::load::{Asked, CubeProducts, Whole};
 use crate::solver::cubes;
 use crate::solver::free::FreePattern;
 use crate::solver::multigrid::Cycle;
 use crate::solver::quads::Quads;
+use crate::solver::residual::Target;
 use crate::solver::sliced::Sliced;
-use crate::solver::{SolveError, SolveReport, Traffic, residual};
-use crate::{BlockCsr, BlockPattern, Scalar, par, run_wide};
+use crate::solver::{SolveError, SolveReport, Traffic};
+use crate::{BlockPattern, Scalar, par, run_wide};
 use rayon::prelude::*;
 use std::any::Any;
 use std::sync::Arc;
@@ -49,8 +50,7 @@ pub(in crate::solver) struct Iteration<R> {
     q: Quads<R>,
     partial: Vec<[f64; 2]>,
     /// The solution so far, rounded to the caller's numbers.
-    pub(super) candidate: Vec<[f64; 3]>,
-    pub(super) true_residual: Vec<[f64; 3]>,
+    pub(super) candidate: Quads<f64>,
 }
 
 impl<R: Scalar> Iteration<R> {
@@ -70,8 +70,7 @@ impl<R: Scalar> Iteration<R> {
             p: Quads::zero(0),
             q: Quads::zero(0),
             partial: Vec::new(),
-            candidate: Vec::new(),
-            true_residual: Vec::new(),
+            candidate: Quads::zero(0),
         }
     }
 
@@ -138,8 +137,7 @@ impl<R: Scalar> Iteration<R> {
             *v = Quads::zero(n);
         }
         self.partial = vec![[0.0; 2]; n.div_ceil(ROWS)];
-        self.candidate = vec![[0.0; 3]; n];
-        self.true_residual = vec![[0.0; 3]; n];
+        self.candidate = Quads::zero(n);
         self.pattern = free;
         self.prepared = Some(Arc::clone(pattern));
     }
@@ -242,33 +240,43 @@ impl<R: Scalar> Iteration<R> {
         row.map_or(0, |row| self.pattern.node[row] as usize)
     }
 
-    /// Adds what the iteration has found, rounds, and returns the square norm of the true residual, which is left in
-    /// `true_residual`. All is multiplied by `scale`, the iteration's part by `part` on top of it.
-    pub(super) fn examine<B: Scalar>(&mut self, source: Source<'_, B>, rhs: &[[B; 3]], scale: f64, part: f64) -> f64 {
+    /// Adds what the iteration has found, rounds, and returns the square norm of the true residual, which is left in `r`. All is
+    /// multiplied by `scale`, the iteration's part by `part` on top of it. `finest` is the matrix of the cycle that makes the products.
+    pub(super) fn examine<B: Scalar>(
+        &mut self,
+        asked: &mut Asked<'_, B>,
+        rhs: &[[B; 3]],
+        scale: f64,
+        part: f64,
+        finest: Option<&Sliced<f32>>,
+    ) -> f64 {
         let factor = 1.0 / (scale * part);
-        self.candidate.par_iter_mut().zip(self.x.get()).with_min_len(par::CHUNK).for_each(|(candidate, x)| {
-            *candidate = std::array::from_fn(|c| B::from_f64(candidate[c] + x[c].to_f64() * factor).to_f64());
+        let (found, x) = (self.x.get(), self.candidate.get_mut());
+        x.par_iter_mut().zip(found).with_min_len(par::CHUNK).for_each(|(x, found)| {
+            (0..3).for_each(|c| x[c] = B::from_f64(x[c] + found[c].to_f64() * factor).to_f64());
         });
-        let candidate = &self.candidate;
-        match (source, &mut self.cubes) {
-            (Source::Cubes(_), Some(cubes)) => {
-                for (x, v) in cubes.x.get_mut().iter_mut().zip(candidate) {
-                    *x = [v[0], v[1], v[2], 0.0];
-                }
-                cubes.exact.product(cubes.x.padded(), cubes.y.get_mut());
-                let mut square = 0.0;
-                for (row, (r, y)) in self.true_residual.iter_mut().zip(cubes.y.get()).enumerate() {
-                    let b = self.pattern.of_row(rhs, row);
-                    *r = std::array::from_fn(|c| (b[c] - y[c]) * scale);
-                    square += r[0] * r[0] + r[1] * r[1] + r[2] * r[2];
-                }
-                square
-            }
-            (Source::Stored(matrix), _) => {
-                residual::squared(&self.pattern, &self.identity, scale, matrix, rhs, candidate, &mut self.true_residual)
-            }
-            (Source::Cubes(_), None) => f64::NAN,
+        let (free, x, identity) = (&*self.pattern, self.candidate.get(), &self.identity[..]);
+        let target = Target { free, rhs, scale, out: self.r.get_mut() };
+        if let Some(cubes) = &mut self.cubes {
+            cubes.exact.product(self.candidate.padded(), cubes.y.get_mut());
+            let y = cubes.y.get();
+            return target.from_rows(|row| [y[row][0], y[row][1], y[row][2]]);
         }
+        // what was copied without rounding is the caller's matrix
+        match (finest, &self.values) {
+            (Some(matrix), _) if B::EPSILON.to_f64() == f64::from(f32::EPSILON) => return target.from_own(matrix, x),
+            (None, Some(matrix)) if B::EPSILON.to_f64() == R::EPSILON.to_f64() => return target.from_own(matrix, x),
+            _ => {}
+        }
+        let Whole { x: whole, y } = &mut *asked.memory;
+        whole.resize(rhs.len(), [B::zero(); 3]);
+        y.resize(rhs.len(), [B::zero(); 3]);
+        free.scatter(x, whole);
+        if asked.system.product(whole, y) {
+            return target
+                .from_rows(|row| if identity[row] { [x[row][0], x[row][1], x[row][2]] } else { free.of_row(y, row) });
+        }
+        target.from_entries(asked.system.assembled(), identity, x)
     }
 }
 
@@ -285,78 +293,46 @@ impl<R: Scalar> Iteration<R> {
     /// the cycle, which has been given the system, makes the products too.
     pub fn solve_with<B: Scalar>(
         &mut self,
-        source: Source<'_, B>,
+        asked: &mut Asked<'_, B>,
         rhs: &[[B; 3]],
         solution: &mut [[B; 3]],
         tolerance: f64,
         cycle: Option<&mut Cycle>,
         products: bool,
     ) -> Result<SolveReport, SolveError> {
-        self.check_source(source, rhs, solution)?;
-        // on the pool's own threads, so that each loop does not enter it anew
-        rayon::scope(|_| self.solve_inside(source, rhs, solution, tolerance, cycle, products))
-    }
-
-    pub(super) fn check_source<B: Scalar>(
-        &self,
-        source: Source<'_, B>,
-        rhs: &[[B; 3]],
-        solution: &[[B; 3]],
-    ) -> Result<(), SolveError> {
-        match source {
-            Source::Stored(matrix) => self.check(matrix, rhs, solution),
-            Source::Cubes(matrix) => {
-                let nodes = self.prepared.as_ref().ok_or(SolveError::NotPrepared)?.row_count();
-                let fits = matrix.pattern.node_count == nodes && rhs.len() == nodes && solution.len() == nodes;
-                if fits { Ok(()) } else { Err(SolveError::NotPrepared) }
-            }
-        }
-    }
-
-    /// Starts from zero: everything is still to be solved for. Returns the square norm of the right-hand side times `scale`.
-    pub(super) fn begin<B: Scalar>(&mut self, rhs: &[[B; 3]], scale: f64) -> f64 {
-        self.candidate.fill([0.0; 3]);
-        let mut square = 0.0;
-        for (row, r) in self.true_residual.iter_mut().enumerate() {
-            *r = self.pattern.of_row(rhs, row).map(|b| b * scale);
-            square += r[0] * r[0] + r[1] * r[1] + r[2] * r[2];
-        }
-        square
-    }
-
-    /// Does the system belong to the prepared pattern?
-    pub fn check<B: Scalar>(
-        &self,
-        matrix: &BlockCsr<B>,
-        rhs: &[[B; 3]],
-        solution: &[[B; 3]],
-    ) -> Result<(), SolveError> {
-        let whole = self.prepared.as_ref().ok_or(SolveError::NotPrepared)?;
-        crate::solver::check_system(whole, matrix, rhs, solution)
-    }
-
-    fn solve_inside<B: Scalar>(
-        &mut self,
-        source: Source<'_, B>,
-        rhs: &[[B; 3]],
-        solution: &mut [[B; 3]],
-        tolerance: f64,
-        mut cycle: Option<&mut Cycle>,
-        products: bool,
-    ) -> Result<SolveReport, SolveError> {
-        self.load(source, cycle.is_none(), products)?;
+        self.check(asked.system, rhs, solution)?;
+        self.load(asked.system, cycle.is_none(), products)?;
         let Some(scale) = self.pattern.scale_of(rhs)? else {
             solution.fill([B::zero(); 3]);
             return Ok(SolveReport { solver: "pcg", iterations: 0, residual: 0.0, converged: true, rebuilt: false });
         };
+        self.improve(asked, rhs, solution, (tolerance, scale), cycle, products)
+    }
+
+    /// Starts from zero: everything is still to be solved for. Returns the square norm of the right-hand side times `scale`.
+    pub(super) fn begin<B: Scalar>(&mut self, rhs: &[[B; 3]], scale: f64) -> f64 {
+        self.candidate.get_mut().fill([0.0; 4]);
+        Target { free: &self.pattern, rhs, scale, out: self.r.get_mut() }.from_rows(|_| [0.0; 3])
+    }
+
+    fn improve<B: Scalar>(
+        &mut self,
+        asked: &mut Asked<'_, B>,
+        rhs: &[[B; 3]],
+        solution: &mut [[B; 3]],
+        (tolerance, scale): (f64, f64),
+        mut cycle: Option<&mut Cycle>,
+        products: bool,
+    ) -> Result<SolveReport, SolveError> {
         let square = self.begin(rhs, scale);
         let (norm, mut left) = (square.sqrt(), square);
         let mut iterations = 0;
         loop {
             // each pass solves for what is left, of size 1 again: f32 has the digits but not the range
             let part = (-left.sqrt().log2().floor()).exp2();
-            for (r, t) in self.r.get_mut().iter_mut().zip(&self.true_residual) {
-                *r = [R::from_f64(t[0] * part), R::from_f64(t[1] * part), R::from_f64(t[2] * part), R::zero()];
+            let factor = R::from_f64(part);
+            for r in self.r.get_mut() {
+                *r = r.map(|v| v * factor);
             }
             for v in [&mut self.x, &mut self.p, &mut self.q] {
                 v.get_mut().fill([R::zero(); 4]);
@@ -364,12 +340,14 @@ impl<R: Scalar> Iteration<R> {
             // no further than the recursion can be believed
             let goal = (tolerance * norm).powi(2).max(left * (BELIEVED * R::EPSILON.to_f64()).powi(2)) * part * part;
             let limit = self.iteration_limit.saturating_sub(iterations);
-            iterations += self.iterate(goal, limit, cycle.as_deref_mut(), products)?;
+            // on the pool's own threads, so that each loop does not enter it anew
+            iterations += rayon::scope(|_| self.iterate(goal, limit, cycle.as_deref_mut(), products))?;
             let before = left;
-            left = self.examine(source, rhs, scale, part);
+            let finest = cycle.as_deref().filter(|_| !products).and_then(Cycle::finest);
+            left = self.examine(asked, rhs, scale, part, finest);
             let residual = left.sqrt() / norm;
             if residual <= tolerance {
-                self.pattern.scatter(&self.candidate, solution);
+                self.pattern.scatter(self.candidate.get(), solution);
                 return Ok(SolveReport { solver: "pcg", iterations, residual, converged: true, rebuilt: false });
             }
             // each pass must gain something, or rounding has the last word

@@ -1,11 +1,11 @@
 //! From the caller's system to the numbers of the iteration: free blocks or cubes, in the iteration's own type.
 
 use super::Iteration;
+use crate::Scalar;
 use crate::solver::cubes::FreeCubes;
 use crate::solver::quads::Quads;
 use crate::solver::sliced::Sliced;
 use crate::solver::{LinearSystem, SolveError};
-use crate::{BlockCsr, CubeMatrix, Scalar};
 
 /// Products with cubes, for the iteration and for the true residual.
 #[derive(Debug)]
@@ -13,65 +13,70 @@ pub(super) struct CubeProducts<R> {
     /// Absent where a cycle makes the products.
     pub own: Option<FreeCubes<R>>,
     pub exact: FreeCubes<f64>,
-    pub x: Quads<f64>,
     pub y: Quads<f64>,
 }
 
-/// Where a matrix comes from.
-pub(in crate::solver) enum Source<'a, R> {
-    Stored(&'a BlockCsr<R>),
-    Cubes(&'a CubeMatrix<R>),
+/// A system that is being solved, and memory for products with all of it, made when someone wants one.
+pub(in crate::solver) struct Asked<'a, B: Scalar> {
+    pub system: &'a mut dyn LinearSystem<B>,
+    pub memory: &'a mut Whole<B>,
 }
 
-impl<R> Clone for Source<'_, R> {
-    fn clone(&self) -> Self {
-        *self
-    }
-}
-
-impl<R> Copy for Source<'_, R> {}
-
-impl<'a, R> Source<'a, R> {
-    /// The cubes if there are any.
-    pub fn of(system: &'a mut dyn LinearSystem<R>) -> Self {
-        if system.cubes().is_some() {
-            Self::Cubes(system.cubes().expect("it just had them"))
-        } else {
-            Self::Stored(system.assembled())
-        }
-    }
+/// A vector of all nodes of a system, and its product.
+#[derive(Debug, Default)]
+pub(in crate::solver) struct Whole<B> {
+    pub x: Vec<[B; 3]>,
+    pub y: Vec<[B; 3]>,
 }
 
 impl<R: Scalar> Iteration<R> {
+    /// Does the system belong to the prepared pattern?
+    ///
+    /// # Errors
+    /// [`SolveError::NotPrepared`] when not.
+    pub fn check<B: Scalar>(
+        &self,
+        system: &mut dyn LinearSystem<B>,
+        rhs: &[[B; 3]],
+        solution: &[[B; 3]],
+    ) -> Result<(), SolveError> {
+        let prepared = self.prepared().ok_or(SolveError::NotPrepared)?;
+        let nodes = prepared.row_count();
+        let known = match system.cubes() {
+            Some(cubes) => cubes.pattern.node_count == nodes,
+            None => {
+                let pattern = system.rows().pattern();
+                std::sync::Arc::ptr_eq(prepared, pattern) || **prepared == **pattern
+            }
+        };
+        if known && rhs.len() == nodes && solution.len() == nodes { Ok(()) } else { Err(SolveError::NotPrepared) }
+    }
+
     /// Copies the free blocks, or the cubes, and inverts the diagonal blocks. With a cycle that makes the products, only what
     /// the true residual needs.
     pub(super) fn load<B: Scalar>(
         &mut self,
-        source: Source<'_, B>,
+        system: &mut dyn LinearSystem<B>,
         jacobi: bool,
         products: bool,
     ) -> Result<(), SolveError> {
         let n = self.pattern.row_count();
-        if products && (jacobi || matches!(source, Source::Stored(_))) {
+        let Some(matrix) = system.cubes() else {
+            self.cubes = None;
+            if !products {
+                return Ok(());
+            }
+            self.inverse.resize(n, [[R::zero(); 4]; 3]);
+            let values = self.values.get_or_insert_with(|| Sliced::new(&self.pattern, &[0, n as u32]));
+            let loaded = values.load(&self.pattern, system.rows(), &mut self.inverse, &mut self.identity);
+            return loaded.map_err(|fault| self.pattern.blame(&fault));
+        };
+        if products && jacobi {
             self.inverse.resize(n, [[R::zero(); 4]; 3]);
         }
-        let matrix = match source {
-            Source::Stored(matrix) => {
-                self.cubes = None;
-                if !products {
-                    return Ok(());
-                }
-                let rows = [0, self.pattern.row_count() as u32];
-                let values = self.values.get_or_insert_with(|| Sliced::new(&self.pattern, &rows));
-                let block_of = self.pattern.block_of(matrix);
-                let loaded = values.load(&self.pattern, &block_of, &mut self.inverse, &mut self.identity);
-                return loaded.map_err(|fault| self.pattern.blame(&fault));
-            }
-            Source::Cubes(matrix) => matrix,
-        };
         if !self.cubes.as_ref().is_some_and(|c| c.exact.belongs_to(&matrix.pattern)) {
             let exact = FreeCubes::new(&matrix.pattern, &self.pattern);
-            self.cubes = Some(Box::new(CubeProducts { own: None, exact, x: Quads::zero(n), y: Quads::zero(n) }));
+            self.cubes = Some(Box::new(CubeProducts { own: None, exact, y: Quads::zero(n) }));
         }
         self.identity.fill(false);
         let cubes = self.cubes.as_mut().expect("made above");

@@ -6,7 +6,7 @@ pub(super) mod kernel;
 mod load;
 
 pub(super) use iteration::Iteration;
-pub(super) use load::Source;
+pub(super) use load::{Asked, Whole};
 
 use super::free::FreePattern;
 use super::{BELOW_SINGLE, LinearSolver, LinearSystem, SolveError, SolveReport, Stored, Traffic};
@@ -26,6 +26,7 @@ pub struct Pcg<R> {
     single: Iteration<f32>,
     /// Made when a system comes that f32 is not enough for.
     exact: Option<Iteration<R>>,
+    memory: Whole<R>,
 }
 
 impl<R: Scalar> Default for Pcg<R> {
@@ -39,7 +40,7 @@ impl<R: Scalar> Pcg<R> {
     #[must_use]
     pub fn new() -> Self {
         let single = Iteration::new(ITERATION_LIMIT);
-        Self { iteration_limit: ITERATION_LIMIT, single, exact: None }
+        Self { iteration_limit: ITERATION_LIMIT, single, exact: None, memory: Whole::default() }
     }
 }
 
@@ -75,10 +76,10 @@ impl<R: Scalar> LinearSolver<R> for Pcg<R> {
         solution: &mut [[R; 3]],
         tolerance: f64,
     ) -> Result<SolveReport, SolveError> {
-        let source = Source::of(system);
+        let asked = &mut Asked { system, memory: &mut self.memory };
         if tolerance >= BELOW_SINGLE {
             self.single.iteration_limit = self.iteration_limit;
-            match self.single.solve_with(source, rhs, solution, tolerance, None, true) {
+            match self.single.solve_with(asked, rhs, solution, tolerance, None, true) {
                 Err(SolveError::NotConverged { iterations, .. }) if iterations < self.iteration_limit => {}
                 Err(SolveError::NotFinite { .. } | SolveError::NotPositiveDefinite { .. }) => {}
                 other => return other,
@@ -86,6 +87,6 @@ impl<R: Scalar> LinearSolver<R> for Pcg<R> {
         }
         let exact = self.single.beside(&mut self.exact)?;
         exact.iteration_limit = self.iteration_limit;
-        exact.solve_with(source, rhs, solution, tolerance, None, true)
+        exact.solve_with(asked, rhs, solution, tolerance, None, true)
     }
 }
