@@ -4,7 +4,7 @@
 
 use super::factor::Factor;
 use super::free::FreePattern;
-use super::residual::Target;
+use super::residual::{Squares, Target};
 use super::{LinearSolver, LinearSystem, Preconditioner, SolveError, SolveReport};
 use crate::{BlockCsr, BlockPattern, DofConstraints, Scalar};
 use std::sync::Arc;
@@ -31,6 +31,7 @@ struct Prepared<R> {
     correction: Vec<f64>,
     candidate: Vec<[R; 3]>,
     true_residual: Vec<[f64; 3]>,
+    squares: Squares,
 }
 
 impl<R: Scalar> Direct<R> {
@@ -99,6 +100,7 @@ impl<R: Scalar> LinearSolver<R> for Direct<R> {
             correction: vec![0.0; 3 * n],
             candidate: vec![[R::zero(); 3]; n],
             true_residual: vec![[0.0; 3]; n],
+            squares: Squares::default(),
         });
         Ok(())
     }
@@ -149,7 +151,8 @@ impl<R: Scalar> Prepared<R> {
                 *x += d;
                 *c = R::from_f64(*x / scale);
             }
-            let target = Target { free: &self.pattern, rhs, scale, out: &mut self.true_residual };
+            let (out, squares) = (&mut self.true_residual, &mut self.squares);
+            let target = Target { free: &self.pattern, rhs, scale, out, squares };
             let sum = target.from_entries(matrix, &self.identity, &self.candidate);
             let residual = (sum / square).sqrt();
             if residual <= tolerance {

@@ -7,6 +7,7 @@ use super::free::FreePattern;
 use super::sliced::{RowWork, Sliced};
 use crate::{BlockCsr, Kernel, Lane, Scalar, Wide, par, run_wide};
 use rayon::prelude::*;
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 /// A residual on its way from products to `out`, which has three numbers a row and maybe a zero.
 pub(super) struct Target<'a, B, A, const N: usize> {
@@ -14,23 +15,40 @@ pub(super) struct Target<'a, B, A, const N: usize> {
     pub rhs: &'a [[B; 3]],
     pub scale: f64,
     pub out: &'a mut [[A; N]],
+    pub squares: &'a mut Squares,
+}
+
+/// Square norms of the chunks of a residual, before it is rounded to the numbers of `out`. Threads write different ones.
+#[derive(Debug, Default)]
+pub(super) struct Squares(Vec<AtomicU64>);
+
+impl Squares {
+    /// Room for so many chunks.
+    fn of(&mut self, chunks: usize) -> &[AtomicU64] {
+        self.0.resize_with(chunks, AtomicU64::default);
+        &self.0
+    }
+
+    /// The sum, always in the same order.
+    fn sum(&self) -> f64 {
+        self.0.iter().map(|s| f64::from_bits(s.load(Relaxed))).sum()
+    }
 }
 
 impl<B: Scalar, A: Scalar, const N: usize> Target<'_, B, A, N> {
-    /// The square norm of what has been written.
-    fn square(&self) -> f64 {
-        let out = &*self.out;
-        let square = |r: &[A; N]| r.iter().map(|v| v.to_f64() * v.to_f64()).sum::<f64>();
-        par::sum(out.len(), |range| out[range].iter().map(square).sum())
-    }
-
     /// From the product of each row with the solution; returns the square norm.
     pub fn from_rows(self, product: impl Fn(usize) -> [f64; 3] + Sync) -> f64 {
-        let Self { free, rhs, scale, .. } = self;
-        self.out.par_iter_mut().enumerate().with_min_len(par::CHUNK).for_each(|(row, out)| {
-            write(out, free.of_row(rhs, row), product(row), scale);
+        let Self { free, rhs, scale, out, squares } = self;
+        let sums = squares.of(out.len().div_ceil(par::CHUNK));
+        out.par_chunks_mut(par::CHUNK).zip(sums).enumerate().for_each(|(c, (out, sum))| {
+            let mut square = 0.0;
+            for (k, out) in out.iter_mut().enumerate() {
+                let row = c * par::CHUNK + k;
+                square += write(out, free.of_row(rhs, row), product(row), scale);
+            }
+            sum.store(square.to_bits(), Relaxed);
         });
-        self.square()
+        squares.sum()
     }
 
     /// From the entries of the whole system; returns the square norm.
@@ -40,34 +58,44 @@ impl<B: Scalar, A: Scalar, const N: usize> Target<'_, B, A, N> {
         identity: &[bool],
         x: &[[X; M]],
     ) -> f64 {
-        let Self { free, rhs, scale, .. } = self;
-        self.out.par_chunks_mut(par::CHUNK).enumerate().for_each(|(c, out)| {
-            run_wide::<f64, _>(Entries { free, identity, scale, matrix, rhs, x, first: c * par::CHUNK, out });
+        let Self { free, rhs, scale, out, squares } = self;
+        let sums = squares.of(out.len().div_ceil(par::CHUNK));
+        out.par_chunks_mut(par::CHUNK).zip(sums).enumerate().for_each(|(c, (out, sum))| {
+            let first = c * par::CHUNK;
+            let square = run_wide::<f64, _>(Entries { free, identity, scale, matrix, rhs, x, first, out });
+            sum.store(square.to_bits(), Relaxed);
         });
-        self.square()
+        squares.sum()
     }
 
     /// From the matrix of the free rows, which has the caller's numbers; returns the square norm.
     pub fn from_own<M: Scalar>(self, matrix: &Sliced<M>, x: &[[f64; 4]]) -> f64 {
-        let Self { free, rhs, scale, .. } = self;
+        let Self { free, rhs, scale, out, squares } = self;
+        let sums = squares.of(matrix.chunk_count());
         let start = |c: usize| matrix.chunk_rows(c).start;
-        par::divide(0..matrix.chunk_count(), 1, &start, &mut *self.out, &|chunks, mut out| {
+        par::divide(0..matrix.chunk_count(), 1, &start, out, &|chunks, out| {
+            let from = start(chunks.start);
             for c in chunks {
                 let rows = matrix.chunk_rows(c);
-                let (here, after) = std::mem::take(&mut out).split_at_mut(rows.len());
-                run_wide::<f64, _>(Own { matrix, x, c, rest: Rest { free, rhs, scale, first: rows.start, out: here } });
-                out = after;
+                let out = &mut out[rows.start - from..rows.end - from];
+                let rest = Rest { free, rhs, scale, first: rows.start, out, square: 0.0 };
+                sums[c].store(run_wide::<f64, _>(Own { matrix, x, c, rest }).to_bits(), Relaxed);
             }
         });
-        self.square()
+        squares.sum()
     }
 }
 
+/// Returns the square norm.
 #[inline(always)]
-fn write<A: Scalar, const N: usize>(out: &mut [A; N], b: [f64; 3], product: [f64; 3], scale: f64) {
+fn write<A: Scalar, const N: usize>(out: &mut [A; N], b: [f64; 3], product: [f64; 3], scale: f64) -> f64 {
+    let mut square = 0.0;
     for c in 0..3 {
-        out[c] = A::from_f64((b[c] - product[c]) * scale);
+        let r = (b[c] - product[c]) * scale;
+        square += r * r;
+        out[c] = A::from_f64(r);
     }
+    square
 }
 
 /// The rows of a chunk of a matrix of the free rows.
@@ -85,13 +113,15 @@ struct Rest<'a, B, A, const N: usize> {
     scale: f64,
     first: usize,
     out: &'a mut [[A; N]],
+    square: f64,
 }
 
 impl<M: Scalar, B: Scalar, A: Scalar, const N: usize> Kernel for Own<'_, M, B, A, N> {
-    type Output = ();
+    type Output = f64;
     #[inline(always)]
-    fn run<const W: usize>(mut self) {
+    fn run<const W: usize>(mut self) -> f64 {
         self.matrix.for_rows_in_double(self.c, self.x, &mut self.rest);
+        self.rest.square
     }
 }
 
@@ -99,7 +129,7 @@ impl<B: Scalar, A: Scalar, const N: usize> RowWork<f64> for Rest<'_, B, A, N> {
     #[inline(always)]
     fn row(&mut self, row: usize, q: Wide<f64, 4>) {
         let b = self.free.of_row(self.rhs, self.first + row);
-        write(&mut self.out[row], b, [q.0[0], q.0[1], q.0[2]], self.scale);
+        self.square += write(&mut self.out[row], b, [q.0[0], q.0[1], q.0[2]], self.scale);
     }
 }
 
@@ -118,11 +148,12 @@ struct Entries<'a, R, X, B, A, const M: usize, const N: usize> {
 impl<R: Scalar, X: Scalar, B: Scalar, A: Scalar, const M: usize, const N: usize> Kernel
     for Entries<'_, R, X, B, A, M, N>
 {
-    type Output = ();
+    type Output = f64;
     /// Rows of a block as four lanes, what is too much of a load times zero: the width of the machine does not matter here.
     #[inline(always)]
-    fn run<const W: usize>(self) {
+    fn run<const W: usize>(self) -> f64 {
         let Self { free, identity, scale, matrix, rhs, x, first, out } = self;
+        let mut square = 0.0;
         for (k, out) in out.iter_mut().enumerate() {
             let i = first + k;
             let mut product = [x[i][0].to_f64(), x[i][1].to_f64(), x[i][2].to_f64()];
@@ -145,8 +176,9 @@ impl<R: Scalar, X: Scalar, B: Scalar, A: Scalar, const M: usize, const N: usize>
                     product[c] = (p + q) + (r + s);
                 }
             }
-            write(out, free.of_row(rhs, i), product, scale);
+            square += write(out, free.of_row(rhs, i), product, scale);
         }
+        square
     }
 }
 

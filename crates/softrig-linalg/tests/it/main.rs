@@ -4,4 +4,5 @@
 
 mod parity;
 mod solver;
+mod streamed;
 mod system;

@@ -14,7 +14,7 @@ use crate::solver::cubes;
 use crate::solver::free::FreePattern;
 use crate::solver::multigrid::Cycle;
 use crate::solver::quads::Quads;
-use crate::solver::residual::Target;
+use crate::solver::residual::{Squares, Target};
 use crate::solver::sliced::Sliced;
 use crate::solver::{SolveError, SolveReport, Traffic};
 use crate::{BlockPattern, Scalar, par, run_wide};
@@ -51,6 +51,7 @@ pub(in crate::solver) struct Iteration<R> {
     partial: Vec<[f64; 2]>,
     /// The solution so far, rounded to the caller's numbers.
     pub(super) candidate: Quads<f64>,
+    squares: Squares,
 }
 
 impl<R: Scalar> Iteration<R> {
@@ -71,6 +72,7 @@ impl<R: Scalar> Iteration<R> {
             q: Quads::zero(0),
             partial: Vec::new(),
             candidate: Quads::zero(0),
+            squares: Squares::default(),
         }
     }
 
@@ -256,7 +258,7 @@ impl<R: Scalar> Iteration<R> {
             (0..3).for_each(|c| x[c] = B::from_f64(x[c] + found[c].to_f64() * factor).to_f64());
         });
         let (free, x, identity) = (&*self.pattern, self.candidate.get(), &self.identity[..]);
-        let target = Target { free, rhs, scale, out: self.r.get_mut() };
+        let target = Target { free, rhs, scale, out: self.r.get_mut(), squares: &mut self.squares };
         if let Some(cubes) = &mut self.cubes {
             cubes.exact.product(self.candidate.padded(), cubes.y.get_mut());
             let y = cubes.y.get();
@@ -312,7 +314,8 @@ impl<R: Scalar> Iteration<R> {
     /// Starts from zero: everything is still to be solved for. Returns the square norm of the right-hand side times `scale`.
     pub(super) fn begin<B: Scalar>(&mut self, rhs: &[[B; 3]], scale: f64) -> f64 {
         self.candidate.get_mut().fill([0.0; 4]);
-        Target { free: &self.pattern, rhs, scale, out: self.r.get_mut() }.from_rows(|_| [0.0; 3])
+        Target { free: &self.pattern, rhs, scale, out: self.r.get_mut(), squares: &mut self.squares }
+            .from_rows(|_| [0.0; 3])
     }
 
     fn improve<B: Scalar>(
