@@ -77,6 +77,7 @@ pub struct Implicit<R> {
     v: Vec<[R; 3]>,
     a: Vec<[R; 3]>,
     force: Vec<[R; 3]>,
+    /// M a', where the mass is not lumped.
     inertia: Vec<[R; 3]>,
     rhs: Vec<[R; 3]>,
     correction: Vec<[R; 3]>,
@@ -129,7 +130,7 @@ impl<R: Scalar> Implicit<R> {
 
     fn prepare(&mut self, body: &Body<R>, solver: &mut dyn LinearSolver<R>, time: f64) -> Result<(), StepError> {
         let n = body.mass.len();
-        let scratch = [&mut self.d, &mut self.x, &mut self.v, &mut self.a, &mut self.force, &mut self.inertia];
+        let scratch = [&mut self.d, &mut self.x, &mut self.v, &mut self.a, &mut self.force];
         for v in scratch.into_iter().chain([&mut self.rhs, &mut self.correction]) {
             v.resize(n, [R::zero(); 3]);
         }
@@ -177,21 +178,19 @@ impl<R: Scalar> Implicit<R> {
     /// r = f_ext − f − M a' − a M v' on free nodes, zero on the others; `self.force` holds f = f_int + K d + b K v'.
     /// Returns |r|.
     fn residual(&mut self, body: &Body<R>, input: &StepInput<'_, R>) -> f64 {
-        match &body.consistent_mass {
-            Some(m) => multiply(m, &self.a, &mut self.inertia),
-            None => {
-                for i in 0..self.a.len() {
-                    self.inertia[i] = self.a[i].map(|a| a * body.mass[i]);
-                }
-            }
+        if let Some(m) = &body.consistent_mass {
+            self.inertia.resize(self.a.len(), [R::zero(); 3]);
+            multiply(m, &self.a, &mut self.inertia);
         }
         let mut square = 0.0;
         for i in 0..self.rhs.len() {
             self.rhs[i] = [R::zero(); 3];
             if !body.constraints.is_constrained(i) {
                 let drag = body.drag[i] + body.mass_damping * body.mass[i];
+                let consistent = body.consistent_mass.is_some();
+                let inertia = if consistent { self.inertia[i] } else { self.a[i].map(|a| a * body.mass[i]) };
                 for k in 0..3 {
-                    let r = input.external_force[i][k] - self.force[i][k] - self.inertia[i][k] - drag * self.v[i][k];
+                    let r = input.external_force[i][k] - self.force[i][k] - inertia[k] - drag * self.v[i][k];
                     self.rhs[i][k] = r;
                     square += r.to_f64() * r.to_f64();
                 }
