@@ -3,7 +3,7 @@
 //! One factorisation a solve, in f64 for either precision of the data, and refinement until the residual is small enough.
 
 use super::factor::Factor;
-use super::free::FreePattern;
+use super::free::{Blocks, FreePattern};
 use super::residual::{Squares, Target};
 use super::{LinearSolver, LinearSystem, Preconditioner, SolveError, SolveReport};
 use crate::{BlockCsr, BlockPattern, DofConstraints, Scalar};
@@ -22,6 +22,7 @@ pub struct Direct<R> {
 struct Prepared<R> {
     whole: Arc<BlockPattern>,
     pattern: FreePattern,
+    blocks: Blocks,
     /// Where each of its blocks is in the whole system.
     source: Vec<u32>,
     /// `None` without free nodes.
@@ -49,14 +50,14 @@ fn block_of<R: Scalar>(source: &[u32], matrix: &BlockCsr<R>) -> impl Fn(usize) -
 
 impl<R: Scalar> Preconditioner<R> for Direct<R> {
     fn load(&mut self, system: &mut dyn LinearSystem<R>) -> Result<(), SolveError> {
-        let Prepared { whole, pattern, source, factor, identity, .. } =
+        let Prepared { whole, pattern, blocks, source, factor, identity, .. } =
             self.prepared.as_mut().ok_or(SolveError::NotPrepared)?;
         let matrix = system.assembled();
         if *matrix.pattern != **whole {
             return Err(SolveError::NotPrepared);
         }
         let Some(factor) = factor else { return Ok(()) };
-        let made = factor.load(pattern, &block_of(source, matrix), identity).and_then(|()| factor.factorise());
+        let made = factor.load(blocks, &block_of(source, matrix), identity).and_then(|()| factor.factorise());
         made.map_err(|fault| pattern.blame(&fault))
     }
 
@@ -87,12 +88,14 @@ impl<R: Scalar> LinearSolver<R> for Direct<R> {
 
     fn prepare(&mut self, pattern: &Arc<BlockPattern>, constraints: &DofConstraints) -> Result<(), SolveError> {
         let free = FreePattern::new(pattern, constraints);
+        let blocks = free.blocks(pattern);
         let n = free.row_count();
         let factor =
-            if n == 0 { None } else { Some(Factor::new(&free).ok_or(SolveError::OutOfMemory { unknowns: 3 * n })?) };
+            if n == 0 { None } else { Some(Factor::new(&blocks).ok_or(SolveError::OutOfMemory { unknowns: 3 * n })?) };
         self.prepared = Some(Prepared {
             whole: Arc::clone(pattern),
             source: free.sources(pattern),
+            blocks,
             pattern: free,
             factor,
             identity: vec![false; n],
@@ -134,7 +137,7 @@ impl<R: Scalar> Prepared<R> {
             return Ok(report(0.0));
         };
         let block_of = block_of(&self.source, matrix);
-        let made = factor.load(&self.pattern, &block_of, &mut self.identity).and_then(|()| factor.factorise());
+        let made = factor.load(&self.blocks, &block_of, &mut self.identity).and_then(|()| factor.factorise());
         made.map_err(|fault| self.pattern.blame(&fault))?;
         let mut square = 0.0;
         for (row, b) in self.true_residual.iter_mut().enumerate() {

@@ -4,7 +4,7 @@
 //! thread, so results do not depend on how many there are; they may differ in the last bits between machines, because faer fuses
 //! multiplications and additions where the machine can.
 
-use super::free::BlockRows;
+use super::free::Blocks;
 use super::sliced::Fault;
 use faer::dyn_stack::{MemBuffer, MemStack, StackReq};
 use faer::linalg::cholesky::llt::factor::LltError;
@@ -31,7 +31,7 @@ pub(super) struct Factor {
 
 impl Factor {
     /// Symbolic work; `None` out of memory.
-    pub fn new(pattern: &BlockRows) -> Option<Self> {
+    pub fn new(pattern: &Blocks) -> Option<Self> {
         let unknowns = 3 * pattern.row_count();
         let node_order = order_of_nodes(pattern)?;
         let forward: Vec<usize> = node_order.iter().flat_map(|n| [3 * n, 3 * n + 1, 3 * n + 2]).collect();
@@ -75,7 +75,7 @@ impl Factor {
     /// The first row with a number that is none.
     pub fn load(
         &mut self,
-        pattern: &BlockRows,
+        pattern: &Blocks,
         block_of: &impl Fn(usize) -> [f64; 9],
         identity: &mut [bool],
     ) -> Result<(), Fault> {
@@ -162,7 +162,7 @@ fn parameters(rows: usize) -> CholeskySymbolicParams<'static> {
 }
 
 /// Free rows in elimination order: minimum degree on the graph of nodes, a third of the unknowns. `None` out of memory.
-fn order_of_nodes(pattern: &BlockRows) -> Option<Vec<usize>> {
+fn order_of_nodes(pattern: &Blocks) -> Option<Vec<usize>> {
     let n = pattern.row_count();
     let start: Vec<usize> = pattern.row_start.iter().map(|s| *s as usize).collect();
     let column: Vec<usize> = pattern.column.iter().map(|c| *c as usize).collect();

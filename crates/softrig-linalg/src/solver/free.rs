@@ -12,15 +12,13 @@ use std::sync::Arc;
 /// No block: its row or column is held.
 const NOTHING: u32 = u32::MAX;
 
-/// Compressed rows of blocks. "Row" is a row of this pattern, "node" one of the system it was taken from.
+/// How many blocks each row has. "Row" is a row of this pattern, "node" one of the system it was taken from.
 #[derive(Debug, Default)]
 pub(super) struct BlockRows {
     /// Node of each row.
     pub node: Vec<u32>,
     /// First block of each row, and one past the last.
     pub row_start: Vec<u32>,
-    /// Row of each block's column, in the order of their nodes.
-    pub column: Vec<u32>,
     /// Index of the diagonal block of each row.
     pub diagonal: Vec<u32>,
 }
@@ -30,17 +28,36 @@ impl BlockRows {
         self.node.len()
     }
 
+    pub fn block_count(&self) -> usize {
+        self.row_start.last().map_or(0, |end| *end as usize)
+    }
+
     #[inline(always)]
     pub fn row(&self, i: usize) -> Range<usize> {
         self.row_start[i] as usize..self.row_start[i + 1] as usize
     }
 }
 
+/// Compressed rows of blocks. Needed to make a matrix, which keeps columns in an order of its own.
+#[derive(Debug, Default)]
+pub(super) struct Blocks {
+    /// Shared by all that have a matrix on it.
+    pub rows: Arc<BlockRows>,
+    /// Row of each block's column, in the order of their nodes.
+    pub column: Vec<u32>,
+}
+
+impl Deref for Blocks {
+    type Target = BlockRows;
+    fn deref(&self) -> &BlockRows {
+        &self.rows
+    }
+}
+
 /// Rows of the nodes that are free, and maybe of some that have been and are held for now.
 #[derive(Debug, Default)]
 pub(super) struct FreePattern {
-    /// Shared by all that have a matrix on it.
-    pub rows: Arc<BlockRows>,
+    rows: Arc<BlockRows>,
     /// Row of each node of the whole system; [`NOTHING`] where it has none.
     row_of: Vec<u32>,
     /// Which rows are held; empty when none are.
@@ -63,29 +80,33 @@ impl FreePattern {
     /// One row for each of `node`, in that order.
     pub fn in_order(pattern: &BlockPattern, node: Vec<u32>) -> Self {
         let row_of = inverse(&node, pattern.row_count());
-        let mut rows = BlockRows { node, row_start: vec![0], ..BlockRows::default() };
-        for (row, &n) in rows.node.iter().enumerate() {
-            for k in pattern.row(n as usize) {
+        let n = node.len();
+        let mut rows = BlockRows { node, row_start: vec![0; n + 1], diagonal: vec![0; n] };
+        let mut blocks = 0;
+        for (row, node) in rows.node.iter().enumerate() {
+            for k in pattern.row(*node as usize) {
                 let column = row_of[pattern.column()[k] as usize];
-                if column == NOTHING {
-                    continue;
-                }
                 if column == row as u32 {
-                    rows.diagonal.push(rows.column.len() as u32);
+                    rows.diagonal[row] = blocks;
                 }
-                rows.column.push(column);
+                blocks += u32::from(column != NOTHING);
             }
-            rows.row_start.push(rows.column.len() as u32);
+            rows.row_start[row + 1] = blocks;
         }
-        rows.column.shrink_to_fit();
-        rows.diagonal.shrink_to_fit();
         Self { rows: Arc::new(rows), row_of, held: Vec::new() }
+    }
+
+    /// The rows with their columns; `pattern` is that of the whole system.
+    pub fn blocks(&self, pattern: &BlockPattern) -> Blocks {
+        let columns = |node: &u32| pattern.column()[pattern.row(*node as usize)].iter();
+        let rows = self.node.iter().flat_map(columns).map(|node| self.row_of[*node as usize]);
+        Blocks { rows: self.rows.clone(), column: rows.filter(|row| *row != NOTHING).collect() }
     }
 
     /// Rows without entries: a numbering of nodes only.
     pub fn numbering(node: Vec<u32>) -> Self {
         let n = node.len();
-        let rows = BlockRows { node, row_start: vec![0; n + 1], diagonal: vec![0; n], column: Vec::new() };
+        let rows = BlockRows { node, row_start: vec![0; n + 1], diagonal: vec![0; n] };
         Self { rows: Arc::new(rows), ..Self::default() }
     }
 

@@ -72,11 +72,11 @@ impl<A: Scalar> Operator<A> {
         self.cubes = None;
         let rows = system.rows();
         let n = rows.pattern().row_count();
-        let blocks = self.all.column.len();
+        let blocks = self.all.block_count();
         let same = self.stored.is_some() && blocks == rows.pattern().block_count() && self.all.row_count() == n;
         if !same {
             self.all = FreePattern::in_order(rows.pattern(), (0..n as u32).collect());
-            let made = Sliced::new(&self.all, &[0, n as u32]);
+            let made = Sliced::new(&self.all.blocks(rows.pattern()), &[0, n as u32]);
             self.stored =
                 Some(Stored { matrix: made, inverse: vec![[[A::zero(); 4]; 3]; n], identity: vec![false; n] });
         }

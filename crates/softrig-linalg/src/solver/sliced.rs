@@ -12,7 +12,7 @@ pub(crate) use times::slice_times;
 #[cfg(all(target_arch = "x86_64", not(miri)))]
 pub(crate) use times::{slice_times_avx2, slice_times_avx2_f64};
 
-use super::free::{BlockRows, FreePattern};
+use super::free::{BlockRows, Blocks, FreePattern};
 use super::pcg::kernel::Inverse;
 use crate::{Lane, Rows, Scalar, Wide};
 use rayon::prelude::*;
@@ -73,7 +73,7 @@ pub(super) enum Fault {
 
 impl<A: Scalar> Sliced<A> {
     /// A matrix on that pattern, all zero. Chunks also end at the rows of `breaks` (ascending, from 0 to the number of rows).
-    pub fn new(pattern: &BlockRows, breaks: &[u32]) -> Self {
+    pub fn new(pattern: &Blocks, breaks: &[u32]) -> Self {
         let mut layout = Layout { start: vec![0], chunk: vec![0], first_row: vec![0], ..Layout::default() };
         let mut order: Vec<usize> = Vec::with_capacity(ROWS);
         for part in breaks.windows(2) {
@@ -152,11 +152,11 @@ impl<A: Scalar> Sliced<A> {
         fill.finish()
     }
 
-    /// Block `k` of a row, counted from the first of the row.
+    /// Block `k` of a row, counted from the first of the row, and its column.
     #[inline(always)]
-    pub fn block(&self, row: usize, k: usize) -> [A; 9] {
+    pub fn block(&self, row: usize, k: usize) -> (u32, [A; 9]) {
         let (steps, lane) = self.layout.place(row);
-        self.values[steps.start + k].map(|v| v[lane])
+        (self.layout.column[steps.start + k][lane], self.values[steps.start + k].map(|v| v[lane]))
     }
 
     /// Rows of chunk `c`.
@@ -214,7 +214,7 @@ impl<A: Scalar> Sliced<A> {
 }
 
 impl Layout {
-    fn push(&mut self, pattern: &BlockRows, first: usize, slice: &[usize]) {
+    fn push(&mut self, pattern: &Blocks, first: usize, slice: &[usize]) {
         self.row.push(std::array::from_fn(|l| slice.get(l).map_or(0, |r| (r - first) as u16)));
         self.filled.push(slice.len() as u8);
         for step in 0..pattern.row(slice[0]).len() {

@@ -1,10 +1,10 @@
 //! Colours for Gauss-Seidel: rows of one colour have no block in common, so that their order does not matter.
 
-use crate::solver::free::BlockRows;
+use crate::solver::free::Blocks;
 
 /// An order of the rows in which those of one colour are neighbours, and the first row of each colour and one past the last.
 /// Every row takes the first colour that none of its neighbours has.
-pub(super) fn by_colour(pattern: &BlockRows) -> (Vec<u32>, Vec<u32>) {
+pub(super) fn by_colour(pattern: &Blocks) -> (Vec<u32>, Vec<u32>) {
     let rows = pattern.row_count();
     let mut colour = vec![u32::MAX; rows];
     let mut taken: Vec<usize> = Vec::new();
@@ -43,7 +43,7 @@ mod tests {
     fn rows_of_a_colour_have_no_block_in_common() {
         let cells: Vec<[u32; 3]> = (0..40).map(|i| [i, (i * 7 + 3) % 41, (i * 5 + 1) % 43]).collect();
         let pattern = BlockPattern::from_cells(43, cells.iter().map(|c| &c[..]));
-        let free = FreePattern::new(&pattern, &DofConstraints::none(43));
+        let free = FreePattern::new(&pattern, &DofConstraints::none(43)).blocks(&pattern);
         let (order, start) = by_colour(&free);
         let mut seen = order.clone();
         seen.sort_unstable();

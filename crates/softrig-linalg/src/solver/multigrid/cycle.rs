@@ -6,12 +6,11 @@ use super::interpolation::Interpolation;
 use super::level::{Level, order_for};
 use super::settings::{Marking, MultigridSettings, Smoother};
 use crate::solver::factor::Factor;
-use crate::solver::free::FreePattern;
+use crate::solver::free::{Blocks, FreePattern};
 use crate::solver::quads::Quads;
 use crate::solver::sliced::{Fault, Sliced};
 use crate::{CubeMatrix, Rows, Scalar, Traffic, par};
 use rayon::prelude::*;
-use std::sync::Arc;
 
 /// Relative shift of the coarsest diagonal: interpolation next to constraints can be rank deficient (numerics 5.3), and
 /// rounding of the operators to f32 can leave the smallest pivots below zero.
@@ -31,6 +30,7 @@ pub(crate) struct Cycle {
     /// Between level `l` and `l + 1`.
     galerkin: Vec<Galerkin>,
     coarsest: Option<Factor>,
+    coarsest_blocks: Blocks,
     /// Whether the last factorisation came through.
     factorised: bool,
     coarsest_identity: Vec<bool>,
@@ -44,11 +44,11 @@ impl std::fmt::Debug for Cycle {
 }
 
 impl Cycle {
-    /// `free` is the system, its rows in the order of `colours`, both as [`order_for`] gives them. `None` when there is nothing
+    /// `free` are the rows of the system, in the order of `colours`, both as [`order_for`] gives them. `None` when there is nothing
     /// to coarsen.
     pub fn new(
         hierarchy: &[Interpolation],
-        free: &FreePattern,
+        free: Blocks,
         colours: Option<Vec<u32>>,
         settings: &MultigridSettings,
     ) -> Option<Self> {
@@ -58,34 +58,42 @@ impl Cycle {
             return None;
         }
         let mut kept = free.node.clone();
-        let mut levels = vec![Level::new(free.rows.clone(), settings.smoother, colours)];
+        let mut levels = vec![Level::new(&free, settings.smoother, colours)];
+        let mut fine = free;
         let mut galerkin = Vec::new();
         for p in hierarchy {
             let (mut restricted, mut seen) = p.restricted(&kept, settings.marking);
             if restricted.coarse_count == 0 {
                 break;
             }
-            let fine = &levels[levels.len() - 1].pattern;
-            let mut product = Galerkin::new(fine, &restricted);
+            let mut product = Galerkin::new(&fine, &restricted);
             let mut colours = None;
             if let Some((order, starts)) = order_for(settings.smoother, &product.coarse_pattern(seen.clone())) {
                 seen = order.iter().map(|i| seen[*i as usize]).collect();
                 restricted = p.between(&kept, &seen);
-                product = Galerkin::new(fine, &restricted);
+                product = Galerkin::new(&fine, &restricted);
                 colours = Some(starts);
             }
             kept = seen;
-            levels.push(Level::new(Arc::new(product.coarse_pattern(kept.clone())), settings.smoother, colours));
+            fine = product.coarse_pattern(kept.clone());
+            levels.push(Level::new(&fine, settings.smoother, colours));
             galerkin.push(product);
         }
         if galerkin.is_empty() {
             return None;
         }
-        let last = &levels[levels.len() - 1].pattern;
-        let n = last.row_count();
-        let coarsest = Factor::new(last);
+        let n = fine.row_count();
+        let coarsest = Factor::new(&fine);
         let (coarsest_identity, coarsest_rhs) = (vec![false; n], vec![0.0; 3 * n]);
-        Some(Self { levels, galerkin, coarsest, factorised: false, coarsest_identity, coarsest_rhs })
+        Some(Self {
+            levels,
+            galerkin,
+            coarsest,
+            coarsest_blocks: fine,
+            factorised: false,
+            coarsest_identity,
+            coarsest_rhs,
+        })
     }
 
     /// Takes the rows of the system, whose pattern is `free`: products use these from now on.
@@ -94,7 +102,7 @@ impl Cycle {
     }
 
     /// The matrix of the finest level.
-    pub fn finest(&self) -> Option<&Sliced<f32>> {
+    pub fn finest(&self) -> &Sliced<f32> {
         self.levels[0].matrix()
     }
 
@@ -128,7 +136,7 @@ impl Cycle {
     /// Products with the finest matrix that a cycle and the iteration around it are worth, in f64.
     pub fn work(&self, smoother: Smoother) -> f64 {
         let products = products(smoother);
-        let blocks = |level: &Level| level.pattern.column.len() as f64;
+        let blocks = |level: &Level| level.pattern.block_count() as f64;
         let all: f64 = self.levels[..self.levels.len() - 1].iter().map(blocks).sum();
         SINGLE * products as f64 * all / blocks(&self.levels[0]).max(1.0)
     }
@@ -150,8 +158,7 @@ impl Cycle {
     pub fn rebuild(&mut self) {
         for (l, galerkin) in self.galerkin.iter_mut().enumerate() {
             let (fine, coarse) = self.levels.split_at_mut(l + 1);
-            let Some(matrix) = fine[l].matrix() else { return };
-            galerkin.refresh(&fine[l].pattern, &|row, k| matrix.block(row, k));
+            galerkin.refresh(&fine[l].pattern, &|row, k| fine[l].matrix().block(row, k));
             // a diagonal block that has no inverse is left out of the smoothing
             let _ = coarse[0].load(&|k| galerkin.coarse_block(k));
         }
@@ -162,10 +169,10 @@ impl Cycle {
     }
 
     fn factorise(&mut self) {
-        let (level, galerkin) = (&self.levels[self.levels.len() - 1], &self.galerkin[self.galerkin.len() - 1]);
+        let galerkin = &self.galerkin[self.galerkin.len() - 1];
         let block_of = |k: usize| galerkin.coarse_block(k).map(f64::from);
         self.factorised = self.coarsest.as_mut().is_some_and(|factor| {
-            let loaded = factor.load(&level.pattern, &block_of, &mut self.coarsest_identity);
+            let loaded = factor.load(&self.coarsest_blocks, &block_of, &mut self.coarsest_identity);
             factor.shift_diagonal(SHIFT, 1e-6);
             loaded.and_then(|()| factor.factorise()).is_ok()
         });

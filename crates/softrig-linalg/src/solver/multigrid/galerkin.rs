@@ -7,7 +7,7 @@
 
 use super::interpolation::{Interpolation, Weights};
 use super::pattern::{MIRRORED, Pattern};
-use crate::solver::free::BlockRows;
+use crate::solver::free::{BlockRows, Blocks};
 use crate::{Kernel, par, run_wide};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -75,7 +75,7 @@ impl Places {
 
 impl Galerkin {
     /// `fine` has one row per row of `p`.
-    pub fn new(fine: &BlockRows, p: &Interpolation) -> Self {
+    pub fn new(fine: &Blocks, p: &Interpolation) -> Self {
         let pt = p.transposed();
         let ap = Pattern::of_product(fine.row_count(), p.coarse_count, |i, add| {
             for k in fine.row(i) {
@@ -98,7 +98,7 @@ impl Galerkin {
     }
 
     /// Makes the strips and finds all places.
-    fn cut(&mut self, fine: &BlockRows, p: &Interpolation, ap: &Pattern) {
+    fn cut(&mut self, fine: &Blocks, p: &Interpolation, ap: &Pattern) {
         let Self { upper, order, strips, places, .. } = self;
         let room = (0..ap.row_count()).map(|i| ap.row(i).len()).max().unwrap_or(0);
         // coarse row and place in all parts
@@ -162,7 +162,7 @@ impl Galerkin {
     }
 
     /// The coarse pattern, as a system of its own: a row for each of `node`.
-    pub fn coarse_pattern(&self, node: Vec<u32>) -> BlockRows {
+    pub fn coarse_pattern(&self, node: Vec<u32>) -> Blocks {
         let Pattern { start, column } = &self.coarse;
         let diagonal = (0..self.coarse.row_count())
             .map(|i| {
@@ -170,7 +170,8 @@ impl Galerkin {
                 start[i] + at.expect("a coarse node sees itself through any fine node it interpolates") as u32
             })
             .collect();
-        BlockRows { node, row_start: start.clone(), column: column.clone(), diagonal }
+        let rows = BlockRows { node, row_start: start.clone(), diagonal };
+        Blocks { rows: rows.into(), column: column.clone() }
     }
 
     /// A block of the coarse pattern, as the last [`Self::refresh`] made it.
@@ -179,8 +180,9 @@ impl Galerkin {
         if self.source[k] < MIRRORED { m } else { [m[0], m[3], m[6], m[1], m[4], m[7], m[2], m[5], m[8]] }
     }
 
-    /// Makes the coarse blocks for the fine ones, which are those of a symmetric matrix, by their row and place in it.
-    pub fn refresh(&mut self, fine: &BlockRows, fine_block: &(impl Fn(usize, usize) -> [f32; 9] + Sync)) {
+    /// Makes the coarse blocks for the fine ones, which are those of a symmetric matrix: column and numbers by row and
+    /// place in it.
+    pub fn refresh(&mut self, fine: &BlockRows, fine_block: &(impl Fn(usize, usize) -> (u32, [f32; 9]) + Sync)) {
         let mut parts = std::mem::take(&mut self.parts);
         let at = |s: usize| self.strips[s].part;
         par::divide(0..self.strips.len() - 1, 1, &at, &mut parts, &|strips, parts| {
@@ -210,7 +212,7 @@ struct FillStrip<'a, F> {
     parts: &'a mut [[f32; 9]],
 }
 
-impl<F: Fn(usize, usize) -> [f32; 9] + Sync> Kernel for FillStrip<'_, F> {
+impl<F: Fn(usize, usize) -> (u32, [f32; 9]) + Sync> Kernel for FillStrip<'_, F> {
     type Output = ();
     #[inline(always)]
     fn run<const W: usize>(self) {
@@ -224,9 +226,9 @@ impl<F: Fn(usize, usize) -> [f32; 9] + Sync> Kernel for FillStrip<'_, F> {
         for (i, width) in order[strip.row..end.row].iter().zip(&places.width[strip.row..]) {
             let (i, width) = (*i as usize, *width as usize);
             parts[..width].fill([0.0; 9]);
-            for (at, k) in self.fine.row(i).enumerate() {
-                let a = (self.fine_block)(i, at);
-                for (w, at) in p.weight[p.row(self.fine.column[k] as usize)].iter().zip(&mut gather) {
+            for k in 0..self.fine.row(i).len() {
+                let (column, a) = (self.fine_block)(i, k);
+                for (w, at) in p.weight[p.row(column as usize)].iter().zip(&mut gather) {
                     add(&mut parts[*at as usize], *w, &a);
                 }
             }
@@ -306,7 +308,8 @@ mod tests {
             let fine = crate::solver::free::FreePattern::new(
                 &pattern,
                 &DofConstraints::from_mask((0..n).map(|i| i % 4 == case % 4).collect()),
-            );
+            )
+            .blocks(&pattern);
             let mut p = Interpolation { coarse_count: coarse, start: vec![0], ..Interpolation::default() };
             for i in 0..n {
                 for c in 0..1 + i % 3 {
@@ -324,7 +327,7 @@ mod tests {
                 std::array::from_fn(|e| number(3 * i + e / 3, 3 * j + e % 3))
             };
             let mut galerkin = Galerkin::new(&fine, &p);
-            galerkin.refresh(&fine, &|i, at| block(fine.row(i).start + at));
+            galerkin.refresh(&fine, &|i, at| (fine.column[fine.row(i).start + at], block(fine.row(i).start + at)));
             let mut dense = vec![vec![[0.0f64; 9]; p.coarse_count]; p.coarse_count];
             for i in 0..fine.row_count() {
                 for k in fine.row(i) {

@@ -4,7 +4,7 @@ use super::colour::by_colour;
 use super::products::{Advance, Again, Matrix, Product, Reduce, Relax, Start};
 use super::settings::Smoother;
 use crate::solver::cubes::FreeCubes;
-use crate::solver::free::{BlockRows, FreePattern};
+use crate::solver::free::{BlockRows, Blocks, FreePattern};
 use crate::solver::pcg::kernel::Inverse;
 use crate::solver::quads::Quads;
 use crate::solver::sliced::{Fault, ROWS, Sliced};
@@ -26,8 +26,7 @@ pub(super) struct Level {
     smoother: Smoother,
     /// First row of each colour, and one past the last; one range of all rows where nobody asks for colours.
     colours: Vec<u32>,
-    /// Made when the first stored matrix comes.
-    matrix: Option<Sliced<f32>>,
+    matrix: Sliced<f32>,
     /// Present once a matrix of cubes has come.
     cubes: Option<FreeCubes<f32>>,
     /// Products take the cubes.
@@ -48,18 +47,19 @@ pub(super) struct Level {
 }
 
 /// An order for the rows of a level, as [`by_colour`] gives it, where its smoother wants one.
-pub(super) fn order_for(smoother: Smoother, pattern: &BlockRows) -> Option<(Vec<u32>, Vec<u32>)> {
+pub(super) fn order_for(smoother: Smoother, pattern: &Blocks) -> Option<(Vec<u32>, Vec<u32>)> {
     matches!(smoother, Smoother::GaussSeidel { .. }).then(|| by_colour(pattern))
 }
 
 impl Level {
     /// `colours` as [`order_for`] gave them for the pattern; the rows of the pattern are in that order.
-    pub fn new(pattern: Arc<BlockRows>, smoother: Smoother, colours: Option<Vec<u32>>) -> Self {
+    pub fn new(pattern: &Blocks, smoother: Smoother, colours: Option<Vec<u32>>) -> Self {
         let n = pattern.row_count();
+        let colours = colours.unwrap_or_else(|| vec![0, n as u32]);
         Self {
             smoother,
-            colours: colours.unwrap_or_else(|| vec![0, n as u32]),
-            matrix: None,
+            matrix: Sliced::new(pattern, &colours),
+            colours,
             cubes: None,
             by_cubes: false,
             inverse: vec![[[0.0; 4]; 3]; n],
@@ -72,27 +72,25 @@ impl Level {
             r: Quads::zero(n),
             d: Quads::zero(n),
             e: Quads::zero(n),
-            pattern,
+            pattern: pattern.rows.clone(),
         }
     }
 
     /// Takes the blocks of the pattern; from now on products take these.
     pub fn load(&mut self, block_of: &(impl Fn(usize) -> [f32; 9] + Sync)) -> Result<(), Fault> {
         self.by_cubes = false;
-        let matrix = self.matrix.get_or_insert_with(|| Sliced::new(&self.pattern, &self.colours));
-        matrix.load_blocks(&self.pattern, block_of, &mut self.inverse, &mut self.identity)
+        self.matrix.load_blocks(&self.pattern, block_of, &mut self.inverse, &mut self.identity)
     }
 
     /// Takes the rows of the whole system, whose free part is `free`; from now on products take these.
     pub fn load_rows<R: Scalar>(&mut self, free: &FreePattern, rows: &dyn Rows<R>) -> Result<(), Fault> {
         self.by_cubes = false;
-        let matrix = self.matrix.get_or_insert_with(|| Sliced::new(&self.pattern, &self.colours));
-        matrix.load(free, rows, &mut self.inverse, &mut self.identity)
+        self.matrix.load(free, rows, &mut self.inverse, &mut self.identity)
     }
 
-    /// The blocks, where they have been loaded.
-    pub fn matrix(&self) -> Option<&Sliced<f32>> {
-        self.matrix.as_ref()
+    /// The blocks, as they were loaded last.
+    pub fn matrix(&self) -> &Sliced<f32> {
+        &self.matrix
     }
 
     /// Makes products take these cubes; `free` is the pattern.
@@ -106,10 +104,9 @@ impl Level {
 
     /// What a product and what is done with it read and write [bytes].
     pub fn bytes(&self) -> usize {
-        let matrix = match (&self.cubes, &self.matrix) {
-            (Some(cubes), _) if self.by_cubes => cubes.bytes(),
-            (_, Some(matrix)) => matrix.bytes(),
-            _ => 0,
+        let matrix = match &self.cubes {
+            Some(cubes) if self.by_cubes => cubes.bytes(),
+            _ => self.matrix.bytes(),
         };
         // the vector, the inverse, three that are read and written
         matrix + (16 + 48 + 6 * 16) * self.pattern.row_count()
@@ -312,18 +309,17 @@ fn colour_chunks(colours: &[u32]) -> impl Iterator<Item = (Range<usize>, Range<u
 
 /// What multiplies, ready for `x`.
 fn multiplier<'a>(
-    stored: &'a Option<Sliced<f32>>,
+    stored: &'a Sliced<f32>,
     cubes: &'a mut Option<FreeCubes<f32>>,
     by_cubes: bool,
     x: &Quads<f32>,
 ) -> Matrix<'a> {
-    match (cubes, stored) {
-        (Some(cubes), _) if by_cubes => {
+    match cubes {
+        Some(cubes) if by_cubes => {
             cubes.corner_forces(x.padded());
             Matrix::Cubes(cubes)
         }
-        (_, Some(stored)) => Matrix::Stored(stored),
-        _ => unreachable!("a level is loaded before it is used"),
+        _ => Matrix::Stored(stored),
     }
 }
 

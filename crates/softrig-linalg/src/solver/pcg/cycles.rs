@@ -39,7 +39,7 @@ impl<R: Scalar> Iteration<R> {
         let (mut residual, mut iterations) = (1.0, 0);
         while count.map_or(residual > tolerance, |n| iterations < n) {
             cycle.apply(self.r.get(), self.x.get_mut());
-            residual = self.examine(asked, rhs, scale, 1.0, cycle.finest()).sqrt() / norm;
+            residual = self.examine(asked, rhs, scale, 1.0, Some(cycle.finest())).sqrt() / norm;
             iterations += 1;
             let hopeless = residual.is_nan() || residual > DIVERGED;
             if hopeless || (count.is_none() && iterations == MOST_CYCLES && residual > tolerance) {

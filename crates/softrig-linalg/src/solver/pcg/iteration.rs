@@ -346,7 +346,7 @@ impl<R: Scalar> Iteration<R> {
             // on the pool's own threads, so that each loop does not enter it anew
             iterations += rayon::scope(|_| self.iterate(goal, limit, cycle.as_deref_mut(), products))?;
             let before = left;
-            let finest = cycle.as_deref().filter(|_| !products).and_then(Cycle::finest);
+            let finest = cycle.as_deref().filter(|_| !products).map(Cycle::finest);
             left = self.examine(asked, rhs, scale, part, finest);
             let residual = left.sqrt() / norm;
             if residual <= tolerance {

@@ -67,8 +67,10 @@ impl<R: Scalar> Iteration<R> {
                 return Ok(());
             }
             self.inverse.resize(n, [[R::zero(); 4]; 3]);
-            let values = self.values.get_or_insert_with(|| Sliced::new(&self.pattern, &[0, n as u32]));
-            let loaded = values.load(&self.pattern, system.rows(), &mut self.inverse, &mut self.identity);
+            let rows = system.rows();
+            let values =
+                self.values.get_or_insert_with(|| Sliced::new(&self.pattern.blocks(rows.pattern()), &[0, n as u32]));
+            let loaded = values.load(&self.pattern, rows, &mut self.inverse, &mut self.identity);
             return loaded.map_err(|fault| self.pattern.blame(&fault));
         };
         if products && jacobi {

@@ -2,13 +2,11 @@ use super::*;
 use crate::solver::free::FreePattern;
 use crate::{BlockPattern, DofConstraints};
 
-fn pattern(nodes: u32, mask: Vec<bool>) -> FreePattern {
+fn pattern(nodes: u32, mask: Vec<bool>) -> Blocks {
     let cells: Vec<[u32; 4]> =
         (0..3 * nodes).map(|i| [i % nodes, (i * i + 1) % nodes, (i * 13 + 5) % nodes, (i + 1) % nodes]).collect();
-    FreePattern::new(
-        &BlockPattern::from_cells(nodes as usize, cells.iter().map(|c| &c[..])),
-        &DofConstraints::from_mask(mask),
-    )
+    let whole = BlockPattern::from_cells(nodes as usize, cells.iter().map(|c| &c[..]));
+    FreePattern::new(&whole, &DofConstraints::from_mask(mask)).blocks(&whole)
 }
 
 struct Store<'a, A>(&'a mut [[A; 4]]);
@@ -18,7 +16,7 @@ impl<A> RowWork<A> for Store<'_, A> {
     }
 }
 
-fn block<A: Scalar>(free: &FreePattern, k: usize) -> [A; 9] {
+fn block<A: Scalar>(free: &Blocks, k: usize) -> [A; 9] {
     let diagonal = free.diagonal.contains(&(k as u32));
     std::array::from_fn(|i| {
         A::from_f64(((k * 31 + i * 7) as f64).sin() + if diagonal && i % 4 == 0 { 9.0 } else { 0.0 })
