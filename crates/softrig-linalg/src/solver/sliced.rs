@@ -156,7 +156,9 @@ impl<A: Scalar> Sliced<A> {
     #[inline(always)]
     pub fn block(&self, row: usize, k: usize) -> (u32, [A; 9]) {
         let (steps, lane) = self.layout.place(row);
-        (self.layout.column[steps.start + k][lane], self.values[steps.start + k].map(|v| v[lane]))
+        // by reference: eight rows are too many to copy for one
+        let (column, step) = (&self.layout.column[steps.start + k], &self.values[steps.start + k]);
+        (column[lane], std::array::from_fn(|i| step[i][lane]))
     }
 
     /// Rows of chunk `c`.
