@@ -20,6 +20,7 @@ mod scalar;
 mod scatter;
 mod small;
 pub mod solver;
+mod stacked;
 mod wide;
 
 pub use block::{BlockCsr, BlockPattern};
@@ -31,4 +32,5 @@ pub use scalar::{Scalar, either};
 pub use scatter::{CELLS, Scatter, add_four};
 pub use small::{Mat3, Vec3};
 pub use solver::{LinearSolver, LinearSystem, SolveError, SolveReport, Traffic};
+pub use stacked::Stacked;
 pub use wide::{Instructions, Kernel, run_wide, run_wide_with};

@@ -20,6 +20,8 @@ pub struct Scatter<const N: usize> {
     /// Parts of each node: first of them, and one past the last; which.
     start: Vec<u32>,
     part: Vec<u32>,
+    /// Node of each part.
+    node: Vec<u32>,
 }
 
 impl<const N: usize> Scatter<N> {
@@ -27,34 +29,34 @@ impl<const N: usize> Scatter<N> {
     #[must_use]
     pub fn new(node_count: usize, cells: &[[u32; N]]) -> Self {
         let nowhere = node_count as u32;
-        let mut out = Self { local: Vec::with_capacity(cells.len()), first: vec![0], start: vec![], part: vec![] };
-        // node of every part
-        let mut node: Vec<u32> = Vec::new();
+        let mut out =
+            Self { local: Vec::with_capacity(cells.len()), first: vec![0], start: vec![], part: vec![], node: vec![] };
         for chunk in cells.chunks(CELLS) {
             let mut here: Vec<u32> = chunk.iter().flatten().map(|n| (*n).min(nowhere)).collect();
             here.sort_unstable();
             here.dedup();
             let at = |n: u32| here.partition_point(|other| *other < n.min(nowhere)) as u16;
             out.local.extend(chunk.iter().map(|corners| corners.map(at)));
-            node.extend(here);
-            out.first.push(node.len() as u32);
+            out.node.extend(here);
+            out.first.push(out.node.len() as u32);
         }
         out.start = vec![0; node_count + 2];
-        for n in &node {
+        for n in &out.node {
             out.start[*n as usize + 1] += 1;
         }
         for i in 0..=node_count {
             out.start[i + 1] += out.start[i];
         }
         let mut next = out.start.clone();
-        out.part = vec![0; node.len()];
-        for (k, n) in node.iter().enumerate() {
+        out.part = vec![0; out.node.len()];
+        for (k, n) in out.node.iter().enumerate() {
             let at = &mut next[*n as usize];
             out.part[*at as usize] = k as u32;
             *at += 1;
         }
         out.part.truncate(out.start[node_count] as usize);
         out.part.shrink_to_fit();
+        out.node.shrink_to_fit();
         out.start.truncate(node_count + 1);
         out
     }
@@ -63,6 +65,26 @@ impl<const N: usize> Scatter<N> {
     #[must_use]
     pub fn part_count(&self) -> usize {
         self.first[self.first.len() - 1] as usize
+    }
+
+    /// How many cells there are.
+    #[must_use]
+    pub fn cell_count(&self) -> usize {
+        self.local.len()
+    }
+
+    /// The place of each corner of a chunk's cells among its parts.
+    #[inline(always)]
+    #[must_use]
+    pub fn local(&self, chunk: usize) -> &[[u16; N]] {
+        par::chunk(&self.local, chunk, CELLS)
+    }
+
+    /// The node of each part of a chunk; beyond the last node for corners that are added nowhere.
+    #[inline(always)]
+    #[must_use]
+    pub fn nodes(&self, chunk: usize) -> &[u32] {
+        &self.node[self.first[chunk] as usize..self.first[chunk + 1] as usize]
     }
 
     /// The parts of a node.
@@ -82,8 +104,7 @@ impl<const N: usize> Scatter<N> {
         let start = |c: usize| self.first[c] as usize;
         par::divide(0..self.first.len() - 1, 1, &start, parts, &|chunks: Range<usize>, parts: &mut [T]| {
             for c in chunks {
-                let end = ((c + 1) * CELLS).min(self.local.len());
-                work(c, &self.local[c * CELLS..end], &mut *parts);
+                work(c, self.local(c), &mut *parts);
             }
         });
     }
@@ -138,6 +159,12 @@ mod tests {
         });
         let sums: Vec<u64> = (0..nodes).map(|n| scatter.parts(n).iter().map(|p| parts[*p as usize]).sum()).collect();
         assert_eq!(sums, plain);
+        // the parts of a chunk are those of the nodes of its cells
+        for (c, chunk) in cells.chunks(CELLS).enumerate() {
+            for (cell, at) in chunk.iter().zip(scatter.local(c)) {
+                assert!((0..4).all(|a| scatter.nodes(c)[at[a] as usize] == cell[a].min(nodes as u32)));
+            }
+        }
         assert!(scatter.part_count() < 4000, "corners of a chunk share their nodes");
     }
 }

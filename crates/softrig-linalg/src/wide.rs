@@ -121,9 +121,15 @@ pub fn run_wide_with<R: Scalar, K: Kernel>(instructions: Instructions, kernel: K
             // SAFETY: as above.
             if size_of::<R>() == 4 { unsafe { avx2::<K, 8>(kernel) } } else { unsafe { avx2::<K, 4>(kernel) } }
         }
-        _ if size_of::<R>() == 4 => kernel.run::<4>(),
-        _ => kernel.run::<2>(),
+        _ if size_of::<R>() == 4 => portable::<K, 4>(kernel),
+        _ => portable::<K, 2>(kernel),
     }
+}
+
+/// Out of line as the others are: what a kernel keeps on the stack is not to lie there while callers divide their work further.
+#[inline(never)]
+fn portable<K: Kernel, const W: usize>(kernel: K) -> K::Output {
+    kernel.run::<W>()
 }
 
 #[cfg(target_arch = "x86_64")]

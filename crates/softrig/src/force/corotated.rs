@@ -31,14 +31,12 @@ pub struct Corotated<R> {
     rotations: Rotations,
     damped: bool,
     /// Cell of the mesh behind each of our tetrahedra: ours are in the order of their nodes, so that the cells that meet at a
-    /// node lie close in memory, however the mesh was written.
+    /// node lie close in memory, however the mesh was written. Empty where they are in the order of the mesh.
     tet_order: Vec<u32>,
-    tet_nodes: Vec<[u32; 4]>,
     tets: Vec<TetBlock<R>>,
     tet_q: Vec<[[R; BLOCK]; 4]>,
     /// lam / mu, where it is the same for all tetrahedra.
     ratio: Option<R>,
-    hex_nodes: Vec<[u32; 8]>,
     hexes: Vec<HexBlock<R>>,
     hex_q: Vec<[[R; BLOCK]; 4]>,
     shapes: Vec<HexShape<R>>,
@@ -101,6 +99,9 @@ impl<R: Scalar> Corotated<R> {
         let nodes = mesh.node_count();
         let (tet_scatter, hex_scatter) = (Scatter::new(nodes, &tet_nodes), Scatter::new(nodes, &mesh.hexes));
         let parts = |count: usize| vec![[R::zero(); 4]; count];
+        if tet_order.is_sorted() {
+            tet_order = Vec::new();
+        }
         let mut model = Self {
             rotations,
             damped: tets.iter().any(|t| t.damping != 0.0) || hexes.iter().any(|h| h.damping != 0.0),
@@ -118,8 +119,6 @@ impl<R: Scalar> Corotated<R> {
             strips: Strips::new(Incidence::new(nodes, &tet_nodes, &pattern)),
             hex_incidence: Incidence::new(nodes, &mesh.hexes, &pattern),
             tet_order,
-            tet_nodes,
-            hex_nodes: mesh.hexes.clone(),
             pattern,
             saved: Vec::new(),
         };
@@ -152,20 +151,23 @@ impl<R: Scalar> Corotated<R> {
         self.shapes.len()
     }
 
+    /// Cell of the mesh behind one of our tetrahedra.
+    fn cell(&self, tet: usize) -> usize {
+        self.tet_order.get(tet).map_or(tet, |cell| *cell as usize)
+    }
+
     /// Writes the forces that are asked for, and leaves what they are sums of in the parts.
-    fn forces(&mut self, load: impl TetLoad<R> + HexLoad<R> + Sync, force: &mut [[R; 3]]) {
-        let Self { tets, tet_nodes, tet_q, tet_parts, hexes, hex_nodes, hex_q, hex_parts, shapes, .. } = self;
-        self.tet_scatter.for_chunks(tet_parts, |c, local, parts| {
-            let (blocks, nodes, q) =
-                (par::chunk(tets, c, TASK), par::chunk(tet_nodes, c, CELLS), par::chunk(tet_q, c, TASK));
-            run_wide::<R, _>(tet::Forces { blocks, nodes, q, load, local, parts });
+    fn forces(&mut self, load: impl TetLoad<R> + HexLoad<R>, force: &mut [[R; 3]]) {
+        let Self { tets, tet_q, tet_parts, tet_scatter, hexes, hex_q, hex_parts, hex_scatter, shapes, .. } = self;
+        tet_scatter.for_chunks(tet_parts, |c, local, parts| {
+            let (blocks, q, nodes) = (par::chunk(tets, c, TASK), par::chunk(tet_q, c, TASK), tet_scatter.nodes(c));
+            run_wide::<R, _>(tet::Forces { blocks, q, load, nodes, local, parts });
         });
-        self.hex_scatter.for_chunks(hex_parts, |c, local, parts| {
-            let (blocks, nodes, q) =
-                (par::chunk(hexes, c, TASK), par::chunk(hex_nodes, c, CELLS), par::chunk(hex_q, c, TASK));
-            run_wide::<R, _>(hex::Forces { blocks, shapes, nodes, q, load, local, parts });
+        hex_scatter.for_chunks(hex_parts, |c, local, parts| {
+            let (blocks, q, nodes) = (par::chunk(hexes, c, TASK), par::chunk(hex_q, c, TASK), hex_scatter.nodes(c));
+            run_wide::<R, _>(hex::Forces { blocks, shapes, q, load, nodes, local, parts });
         });
-        gather_forces((&self.tet_scatter, tet_parts), (&self.hex_scatter, hex_parts), force);
+        gather_forces((tet_scatter, tet_parts), (hex_scatter, hex_parts), force);
     }
 }
 
@@ -210,12 +212,17 @@ impl<R: Scalar> ForceModel<R> for Corotated<R> {
         if self.rotations == Rotations::Fixed {
             return;
         }
-        let n = TASK * BLOCK;
-        let tets = self.tets.par_chunks(TASK).zip(self.tet_nodes.par_chunks(n)).zip(self.tet_q.par_chunks_mut(TASK));
-        tets.for_each(|((blocks, nodes), q)| run_wide::<R, _>(tet::Rotate { blocks, nodes, position, q }));
-        let hexes = self.hexes.par_chunks(TASK).zip(self.hex_nodes.par_chunks(n)).zip(self.hex_q.par_chunks_mut(TASK));
-        let shapes = &self.shapes;
-        hexes.for_each(|((blocks, nodes), q)| run_wide::<R, _>(hex::Rotate { blocks, shapes, nodes, position, q }));
+        let Self { tets, hexes, shapes, tet_scatter, hex_scatter, .. } = self;
+        let tets = tets.par_chunks(TASK).zip(self.tet_q.par_chunks_mut(TASK)).enumerate();
+        tets.for_each(|(c, (blocks, q))| {
+            let (nodes, local) = (tet_scatter.nodes(c), tet_scatter.local(c));
+            run_wide::<R, _>(tet::Rotate { blocks, nodes, local, position, q });
+        });
+        let hexes = hexes.par_chunks(TASK).zip(self.hex_q.par_chunks_mut(TASK)).enumerate();
+        hexes.for_each(|(c, (blocks, q))| {
+            let (nodes, local) = (hex_scatter.nodes(c), hex_scatter.local(c));
+            run_wide::<R, _>(hex::Rotate { blocks, shapes, nodes, local, position, q });
+        });
     }
 
     fn force(&mut self, position: &[[R; 3]], increment: Increment<'_, R>, force: &mut [[R; 3]]) -> f64 {
@@ -287,15 +294,15 @@ impl<R: Scalar> ForceModel<R> for Corotated<R> {
     fn write_history(&self, out: &mut Vec<[R; 4]>) {
         let lane = |blocks: &[[[R; BLOCK]; 4]], i: usize| blocks[i / BLOCK].map(|c| c[i % BLOCK]);
         out.clear();
-        out.resize(self.tet_nodes.len(), [R::zero(); 4]);
-        for (i, cell) in self.tet_order.iter().enumerate() {
-            out[*cell as usize] = lane(&self.tet_q, i);
+        out.resize(self.tet_scatter.cell_count(), [R::zero(); 4]);
+        for i in 0..out.len() {
+            out[self.cell(i)] = lane(&self.tet_q, i);
         }
-        out.extend((0..self.hex_nodes.len()).map(|i| lane(&self.hex_q, i)));
+        out.extend((0..self.hex_scatter.cell_count()).map(|i| lane(&self.hex_q, i)));
     }
 
     fn restore(&mut self, history: &[[R; 4]]) {
-        let (t, h) = (self.tet_nodes.len(), self.hex_nodes.len());
+        let (t, h) = (self.tet_scatter.cell_count(), self.hex_scatter.cell_count());
         let cold = [R::zero(), R::zero(), R::zero(), R::one()];
         let cell = |i: usize| self.tet_order.get(i).map_or(i, |cell| *cell as usize);
         let at = |i: usize| if history.len() == t + h { history[cell(i)] } else { cold };

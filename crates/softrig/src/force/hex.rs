@@ -9,14 +9,17 @@
 #![allow(non_snake_case, reason = "symbols of the continuum mechanics literature")]
 
 use super::assembly::Increment;
-use super::load::{Internal, Product};
+use super::load::{Internal, Load, Near, Product, Vectors, corner, gather};
 use super::polar::{eigen_symmetric, polar, rotation, symmetric};
-use super::tet::{BLOCK, Corners, gather, load, load_q, store};
+use super::tet::{BLOCK, Corners, load, load_q, store};
 use softrig_linalg::cubes::{self, CORNER};
-use softrig_linalg::{Kernel, Lane, Mat3, Scalar, Vec3, Wide};
+use softrig_linalg::{CELLS, Kernel, Lane, Mat3, Scalar, Vec3, Wide};
 
 /// Eigenvalues of tr(S) I − S below this are left out of the exact gradient: 2 at rest, 0 where the rotation is undetermined.
 const SINGULAR: f64 = 0.05;
+
+/// Most nodes of a chunk.
+const PARTS: usize = 8 * CELLS;
 
 /// One point of a quadrature over a cell.
 #[derive(Clone, Debug)]
@@ -167,11 +170,11 @@ impl<R: Scalar> HexBlock<R> {
 
 /// Positions relative to corner 0, so that f32 is not spent on the distance to the origin.
 #[inline(always)]
-fn corners<R: Scalar, const W: usize>(from: &[[R; 3]], nodes: &[[u32; 8]], first: usize) -> [Vec3<Wide<R, W>>; 8] {
-    let x0 = gather::<R, W, 8>(from, nodes, first, 0);
+fn corners<R: Scalar, const W: usize>(from: &[[R; 4]], local: &[[u16; 8]], first: usize) -> [Vec3<Wide<R, W>>; 8] {
+    let x0 = corner::<R, W, 8>(from, local, first, 0);
     let mut x = [Vec3::zero(); 8];
     for a in 1..8 {
-        x[a] = gather::<R, W, 8>(from, nodes, first, a) - x0;
+        x[a] = corner::<R, W, 8>(from, local, first, a) - x0;
     }
     x
 }
@@ -194,11 +197,13 @@ fn mean_gradient<S: Lane>(shape: &HexShape<S::Scalar>, x: &[Vec3<S>; 8]) -> Mat3
     F
 }
 
-/// Rotations of a task's cells.
+/// Rotations of a chunk's cells.
 pub(super) struct Rotate<'a, R> {
     pub blocks: &'a [HexBlock<R>],
     pub shapes: &'a [HexShape<R>],
-    pub nodes: &'a [[u32; 8]],
+    /// Nodes of the chunk, and which of them each corner is.
+    pub nodes: &'a [u32],
+    pub local: &'a [[u16; 8]],
     pub position: &'a [[R; 3]],
     pub q: &'a mut [[[R; BLOCK]; 4]],
 }
@@ -207,16 +212,18 @@ impl<R: Scalar> Kernel for Rotate<'_, R> {
     type Output = ();
     #[inline(always)]
     fn run<const W: usize>(mut self) {
+        let mut x = Vectors::<R, PARTS>::new();
+        gather(self.nodes, self.position, &mut x);
         for k in 0..self.blocks.len() {
             for first in (0..BLOCK).step_by(W) {
-                if k * BLOCK + first >= self.nodes.len() {
+                if k * BLOCK + first >= self.local.len() {
                     break;
                 }
                 // cells of different shapes are done one by one
                 if self.blocks[k].same(first, W) {
-                    self.cells::<W>(k, first);
+                    self.cells::<W>(&x, k, first);
                 } else {
-                    self.one_by_one(k, first, W);
+                    self.one_by_one(&x, k, first, W);
                 }
             }
         }
@@ -226,16 +233,16 @@ impl<R: Scalar> Kernel for Rotate<'_, R> {
 impl<R: Scalar> Rotate<'_, R> {
     /// Out of line: compiled once and not again for every instruction set.
     #[inline(never)]
-    fn one_by_one(&mut self, k: usize, first: usize, width: usize) {
+    fn one_by_one(&mut self, x: &Vectors<R, PARTS>, k: usize, first: usize, width: usize) {
         for lane in 0..width {
-            self.cells::<1>(k, first + lane);
+            self.cells::<1>(x, k, first + lane);
         }
     }
 
     #[inline(always)]
-    fn cells<const W: usize>(&mut self, k: usize, first: usize) {
+    fn cells<const W: usize>(&mut self, x: &Vectors<R, PARTS>, k: usize, first: usize) {
         let shape = &self.shapes[self.blocks[k].shape[first] as usize];
-        let x = corners::<R, W>(self.position, self.nodes, k * BLOCK + first);
+        let x = corners::<R, W>(x, self.local, k * BLOCK + first);
         let q = polar(mean_gradient(shape, &x), load_q::<R, W>(&self.q[k], first));
         for c in 0..4 {
             store(&mut self.q[k][c], first, q[c]);
@@ -257,9 +264,10 @@ pub(super) fn columns<R: Scalar>(blocks: &[HexBlock<R>], q: &[[[R; BLOCK]; 4]], 
 }
 
 /// What the forces of `W` cells of one shape are made of.
-pub(super) struct HexCells<'a, R, const W: usize> {
+pub(super) struct HexCells<'a, R: Scalar, const W: usize> {
     shape: &'a HexShape<R>,
-    nodes: &'a [[u32; 8]],
+    near: &'a Near<R, PARTS>,
+    local: &'a [[u16; 8]],
     first: usize,
     rotation: Mat3<Wide<R, W>>,
     scale: Wide<R, W>,
@@ -269,8 +277,8 @@ pub(super) struct HexCells<'a, R, const W: usize> {
 impl<R: Scalar, const W: usize> HexCells<'_, R, W> {
     /// Vectors at the corners relative to corner 0.
     #[inline(always)]
-    fn corners(&self, from: &[[R; 3]]) -> [Vec3<Wide<R, W>>; 8] {
-        corners(from, self.nodes, self.first)
+    fn corners(&self, from: &Vectors<R, PARTS>) -> [Vec3<Wide<R, W>>; 8] {
+        corners(from, self.local, self.first)
     }
 
     /// Forces at the corners for those in the frame of the cell and a Young's modulus of 1 Pa; `scale` is that of the cell.
@@ -285,7 +293,7 @@ impl<R: Scalar, const W: usize> HexCells<'_, R, W> {
 }
 
 /// Forces that hexahedra are asked for.
-pub(super) trait HexLoad<R: Scalar>: Copy {
+pub(super) trait HexLoad<R: Scalar>: Load<R> {
     /// Forces at the corners of `W` cells, and their energies.
     fn hexes<const W: usize>(&self, cells: HexCells<'_, R, W>) -> ([Vec3<Wide<R, W>>; 8], Wide<R, W>);
 }
@@ -295,7 +303,7 @@ impl<R: Scalar> HexLoad<R> for Internal<'_, R> {
     fn hexes<const W: usize>(&self, cells: HexCells<'_, R, W>) -> ([Vec3<Wide<R, W>>; 8], Wide<R, W>) {
         let (shape, rot) = (cells.shape, cells.rotation);
         // positions in the cell's own frame
-        let x = turned(rot, cells.corners(self.position));
+        let x = turned(rot, cells.corners(&cells.near.x));
         let mut u = x;
         for a in 0..8 {
             u[a] -= Vec3::splat(shape.offset[a]);
@@ -311,12 +319,12 @@ impl<R: Scalar> HexLoad<R> for Internal<'_, R> {
         let Increment { displacement, velocity, damping } = self.increment;
         if displacement.is_some() || velocity.is_some() {
             let mut y = [Vec3::zero(); 8];
-            if let Some(d) = displacement {
-                y = cells.corners(d);
+            if displacement.is_some() {
+                y = cells.corners(&cells.near.d);
             }
-            if let Some(v) = velocity {
+            if velocity.is_some() {
                 let b = cells.damping + Wide::splat(damping);
-                let v = cells.corners(v);
+                let v = cells.corners(&cells.near.v);
                 for a in 1..8 {
                     y[a] += v[a].scale(b);
                 }
@@ -334,7 +342,7 @@ impl<R: Scalar> HexLoad<R> for Product<'_, R> {
     #[inline(always)]
     fn hexes<const W: usize>(&self, cells: HexCells<'_, R, W>) -> ([Vec3<Wide<R, W>>; 8], Wide<R, W>) {
         let factor = Wide::splat(R::one()) + Wide::splat(self.rate) * (cells.damping + Wide::splat(self.damping));
-        let g = apply(cells.shape, &turned(cells.rotation, cells.corners(self.x)));
+        let g = apply(cells.shape, &turned(cells.rotation, cells.corners(&cells.near.x)));
         (cells.forces(g, cells.scale * factor), Wide::splat(R::zero()))
     }
 }
@@ -343,10 +351,10 @@ impl<R: Scalar> HexLoad<R> for Product<'_, R> {
 pub(super) struct Forces<'a, R, L> {
     pub blocks: &'a [HexBlock<R>],
     pub shapes: &'a [HexShape<R>],
-    pub nodes: &'a [[u32; 8]],
     pub q: &'a [[[R; BLOCK]; 4]],
     pub load: L,
-    /// Part of each corner.
+    /// Nodes of the chunk, and which of them each corner is.
+    pub nodes: &'a [u32],
     pub local: &'a [[u16; 8]],
     pub parts: &'a mut [[R; 4]],
 }
@@ -355,17 +363,19 @@ impl<R: Scalar, L: HexLoad<R>> Kernel for Forces<'_, R, L> {
     type Output = ();
     #[inline(always)]
     fn run<const W: usize>(self) {
+        let mut near = Near::<R, PARTS>::new();
+        self.load.gather(self.nodes, &mut near);
         self.parts.fill([R::zero(); 4]);
         let mut out = Corners::<R, 8>::zero();
         for k in 0..self.blocks.len() {
             for first in (0..BLOCK).step_by(W) {
-                if k * BLOCK + first >= self.nodes.len() {
+                if k * BLOCK + first >= self.local.len() {
                     break;
                 }
                 if self.blocks[k].same(first, W) {
-                    self.cells::<W>(k, first, &mut out);
+                    self.cells::<W>(&near, k, first, &mut out);
                 } else {
-                    self.one_by_one(k, first, W, &mut out);
+                    self.one_by_one(&near, k, first, W, &mut out);
                 }
             }
             out.add(&self.local[k * BLOCK..], self.parts);
@@ -376,18 +386,19 @@ impl<R: Scalar, L: HexLoad<R>> Kernel for Forces<'_, R, L> {
 impl<R: Scalar, L: HexLoad<R>> Forces<'_, R, L> {
     /// Out of line: compiled once and not again for every instruction set.
     #[inline(never)]
-    fn one_by_one(&self, k: usize, first: usize, width: usize, out: &mut Corners<R, 8>) {
+    fn one_by_one(&self, near: &Near<R, PARTS>, k: usize, first: usize, width: usize, out: &mut Corners<R, 8>) {
         for lane in 0..width {
-            self.cells::<1>(k, first + lane, out);
+            self.cells::<1>(near, k, first + lane, out);
         }
     }
 
     #[inline(always)]
-    fn cells<const W: usize>(&self, k: usize, first: usize, out: &mut Corners<R, 8>) {
+    fn cells<const W: usize>(&self, near: &Near<R, PARTS>, k: usize, first: usize, out: &mut Corners<R, 8>) {
         let block = &self.blocks[k];
         let (f, energy) = self.load.hexes(HexCells::<R, W> {
             shape: &self.shapes[block.shape[first] as usize],
-            nodes: self.nodes,
+            near,
+            local: self.local,
             first: k * BLOCK + first,
             rotation: rotation(load_q(&self.q[k], first)),
             scale: load(&block.scale, first),

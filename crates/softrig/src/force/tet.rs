@@ -7,7 +7,7 @@
 
 use super::assembly::Increment;
 use super::incidence::GROUP;
-use super::load::{Internal, Product};
+use super::load::{Internal, Load, Near, Product, Vectors, corner, gather};
 use super::polar::{polar, rotation, symmetric};
 use softrig_linalg::{CELLS, Kernel, Lane, Mat3, Scalar, Vec3, Wide, add_four};
 
@@ -15,6 +15,8 @@ use softrig_linalg::{CELLS, Kernel, Lane, Mat3, Scalar, Vec3, Wide, add_four};
 pub(super) const BLOCK: usize = 16;
 /// Blocks per task handed to a thread.
 pub(super) const TASK: usize = CELLS / BLOCK;
+/// Most nodes of a chunk.
+const PARTS: usize = 4 * CELLS;
 
 /// Constants of [`BLOCK`] tetrahedra. The last block repeats its last cell.
 #[derive(Clone, Debug)]
@@ -78,30 +80,11 @@ pub(super) fn load_q<R: Scalar, const W: usize>(q: &[[R; BLOCK]; 4], first: usiz
     [load(&q[0], first), load(&q[1], first), load(&q[2], first), load(&q[3], first)]
 }
 
-/// Vectors of one corner of `W` cells.
-#[inline(always)]
-pub(super) fn gather<R: Scalar, const W: usize, const N: usize>(
-    from: &[[R; 3]],
-    nodes: &[[u32; N]],
-    first: usize,
-    corner: usize,
-) -> Vec3<Wide<R, W>> {
-    let mut out = Vec3([Wide([R::zero(); W]); 3]);
-    let last = nodes.len() - 1;
-    for i in 0..W {
-        let p = from[nodes[(first + i).min(last)][corner] as usize];
-        out.0[0].0[i] = p[0];
-        out.0[1].0[i] = p[1];
-        out.0[2].0[i] = p[2];
-    }
-    out
-}
-
 /// Vectors of the four corners of `W` cells.
 #[inline(always)]
-fn corners<R: Scalar, const W: usize>(from: &[[R; 3]], nodes: &[[u32; 4]], first: usize) -> [Vec3<Wide<R, W>>; 4] {
-    let at = nodes;
-    [gather(from, at, first, 0), gather(from, at, first, 1), gather(from, at, first, 2), gather(from, at, first, 3)]
+fn corners<R: Scalar, const W: usize>(from: &[[R; 4]], local: &[[u16; 4]], first: usize) -> [Vec3<Wide<R, W>>; 4] {
+    let at = local;
+    [corner(from, at, first, 0), corner(from, at, first, 1), corner(from, at, first, 2), corner(from, at, first, 3)]
 }
 
 /// Σ y_a g_aᵀ of `W` cells for the corner vectors `y`, from differences inside the cell, so that f32 is not spent on the
@@ -121,10 +104,12 @@ fn gradients<R: Scalar, const W: usize>(block: &TetBlock<R>, first: usize) -> [V
     ]
 }
 
-/// Rotations of a task's cells.
+/// Rotations of a chunk's cells.
 pub(super) struct Rotate<'a, R> {
     pub blocks: &'a [TetBlock<R>],
-    pub nodes: &'a [[u32; 4]],
+    /// Nodes of the chunk, and which of them each corner is.
+    pub nodes: &'a [u32],
+    pub local: &'a [[u16; 4]],
     pub position: &'a [[R; 3]],
     pub q: &'a mut [[[R; BLOCK]; 4]],
 }
@@ -133,13 +118,15 @@ impl<R: Scalar> Kernel for Rotate<'_, R> {
     type Output = ();
     #[inline(always)]
     fn run<const W: usize>(self) {
+        let mut x = Vectors::<R, PARTS>::new();
+        gather(self.nodes, self.position, &mut x);
         for (k, block) in self.blocks.iter().enumerate() {
             for first in (0..BLOCK).step_by(W) {
                 let cell = k * BLOCK + first;
-                if cell >= self.nodes.len() {
+                if cell >= self.local.len() {
                     break;
                 }
-                let F = gradient_of(corners(self.position, self.nodes, cell), gradients::<R, W>(block, first));
+                let F = gradient_of(corners(&x, self.local, cell), gradients::<R, W>(block, first));
                 let q = polar(F, load_q::<R, W>(&self.q[k], first));
                 for c in 0..4 {
                     store(&mut self.q[k][c], first, q[c]);
@@ -236,8 +223,9 @@ impl<R: Scalar, const N: usize> Corners<R, N> {
 }
 
 /// What the forces of `W` cells are made of.
-pub(super) struct TetCells<'a, R, const W: usize> {
-    nodes: &'a [[u32; 4]],
+pub(super) struct TetCells<'a, R: Scalar, const W: usize> {
+    near: &'a Near<R, PARTS>,
+    local: &'a [[u16; 4]],
     first: usize,
     gradient: [Vec3<Wide<R, W>>; 3],
     rotation: Mat3<Wide<R, W>>,
@@ -254,8 +242,8 @@ impl<R: Scalar, const W: usize> TetCells<'_, R, W> {
     }
 
     #[inline(always)]
-    fn corners(&self, from: &[[R; 3]]) -> [Vec3<Wide<R, W>>; 4] {
-        corners(from, self.nodes, self.first)
+    fn corners(&self, from: &Vectors<R, PARTS>) -> [Vec3<Wide<R, W>>; 4] {
+        corners(from, self.local, self.first)
     }
 
     /// Forces at the corners for a corotated strain.
@@ -269,7 +257,7 @@ impl<R: Scalar, const W: usize> TetCells<'_, R, W> {
 }
 
 /// Forces that tetrahedra are asked for.
-pub(super) trait TetLoad<R: Scalar>: Copy {
+pub(super) trait TetLoad<R: Scalar>: Load<R> {
     /// Forces at the corners of `W` cells, and their energies.
     fn tets<const W: usize>(&self, cells: TetCells<'_, R, W>) -> ([Vec3<Wide<R, W>>; 4], Wide<R, W>);
 }
@@ -278,7 +266,7 @@ impl<R: Scalar> TetLoad<R> for Internal<'_, R> {
     #[inline(always)]
     fn tets<const W: usize>(&self, cells: TetCells<'_, R, W>) -> ([Vec3<Wide<R, W>>; 4], Wide<R, W>) {
         let inverse = cells.rotation.transpose();
-        let F = cells.gradient(cells.corners(self.position));
+        let F = cells.gradient(cells.corners(&cells.near.x));
         // corotated strain and the energy in it
         let mut E = symmetric(inverse * F) - Mat3::identity();
         let t = E.trace();
@@ -288,12 +276,12 @@ impl<R: Scalar> TetLoad<R> for Internal<'_, R> {
         let Increment { displacement, velocity, damping } = self.increment;
         if displacement.is_some() || velocity.is_some() {
             let mut y = [Vec3::zero(); 4];
-            if let Some(d) = displacement {
-                y = cells.corners(d);
+            if displacement.is_some() {
+                y = cells.corners(&cells.near.d);
             }
-            if let Some(v) = velocity {
+            if velocity.is_some() {
                 let b = cells.damping + Wide::splat(damping);
-                let v = cells.corners(v);
+                let v = cells.corners(&cells.near.v);
                 for a in 0..4 {
                     y[a] += v[a].scale(b);
                 }
@@ -308,7 +296,7 @@ impl<R: Scalar> TetLoad<R> for Product<'_, R> {
     #[inline(always)]
     fn tets<const W: usize>(&self, cells: TetCells<'_, R, W>) -> ([Vec3<Wide<R, W>>; 4], Wide<R, W>) {
         let factor = Wide::splat(R::one()) + Wide::splat(self.rate) * (cells.damping + Wide::splat(self.damping));
-        let E = symmetric(cells.rotation.transpose() * cells.gradient(cells.corners(self.x)));
+        let E = symmetric(cells.rotation.transpose() * cells.gradient(cells.corners(&cells.near.x)));
         (cells.forces(E.scale(factor)), Wide::splat(R::zero()))
     }
 }
@@ -316,10 +304,10 @@ impl<R: Scalar> TetLoad<R> for Product<'_, R> {
 /// Forces of a chunk's cells, added to the parts of their nodes; the fourth numbers add up to their energies.
 pub(super) struct Forces<'a, R, L> {
     pub blocks: &'a [TetBlock<R>],
-    pub nodes: &'a [[u32; 4]],
     pub q: &'a [[[R; BLOCK]; 4]],
     pub load: L,
-    /// Part of each corner.
+    /// Nodes of the chunk, and which of them each corner is.
+    pub nodes: &'a [u32],
     pub local: &'a [[u16; 4]],
     pub parts: &'a mut [[R; 4]],
 }
@@ -328,16 +316,19 @@ impl<R: Scalar, L: TetLoad<R>> Kernel for Forces<'_, R, L> {
     type Output = ();
     #[inline(always)]
     fn run<const W: usize>(self) {
+        let mut near = Near::<R, PARTS>::new();
+        self.load.gather(self.nodes, &mut near);
         self.parts.fill([R::zero(); 4]);
         let mut out = Corners::<R, 4>::zero();
         for (k, block) in self.blocks.iter().enumerate() {
             for first in (0..BLOCK).step_by(W) {
                 let cell = k * BLOCK + first;
-                if cell >= self.nodes.len() {
+                if cell >= self.local.len() {
                     break;
                 }
                 let (f, energy) = self.load.tets(TetCells::<R, W> {
-                    nodes: self.nodes,
+                    near: &near,
+                    local: self.local,
                     first: cell,
                     gradient: gradients(block, first),
                     rotation: rotation(load_q(&self.q[k], first)),
