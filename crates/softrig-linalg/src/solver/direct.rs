@@ -57,7 +57,8 @@ impl<R: Scalar> Preconditioner<R> for Direct<R> {
             return Err(SolveError::NotPrepared);
         }
         let Some(factor) = factor else { return Ok(()) };
-        let made = factor.load(blocks, &block_of(source, matrix), identity).and_then(|()| factor.factorise());
+        let block_of = block_of(source, matrix);
+        let made = factor.load(blocks, &|_, k| block_of(k), identity).and_then(|()| factor.factorise());
         made.map_err(|fault| pattern.blame(&fault))
     }
 
@@ -137,7 +138,7 @@ impl<R: Scalar> Prepared<R> {
             return Ok(report(0.0));
         };
         let block_of = block_of(&self.source, matrix);
-        let made = factor.load(&self.blocks, &block_of, &mut self.identity).and_then(|()| factor.factorise());
+        let made = factor.load(&self.blocks, &|_, k| block_of(k), &mut self.identity).and_then(|()| factor.factorise());
         made.map_err(|fault| self.pattern.blame(&fault))?;
         let mut square = 0.0;
         for (row, b) in self.true_residual.iter_mut().enumerate() {

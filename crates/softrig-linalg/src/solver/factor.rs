@@ -69,36 +69,40 @@ impl Factor {
         Some(Self { column_start, row, upper, symbolic, lower, scratch })
     }
 
-    /// Reads the blocks of the pattern; rows without a single entry become rows of the identity, and are marked.
+    /// Reads the blocks of the pattern, by row and place; rows without a single entry become rows of the identity, and are marked.
     ///
     /// # Errors
     /// The first row with a number that is none.
     pub fn load(
         &mut self,
         pattern: &Blocks,
-        block_of: &impl Fn(usize) -> [f64; 9],
+        block_of: &impl Fn(usize, usize) -> [f64; 9],
         identity: &mut [bool],
     ) -> Result<(), Fault> {
-        let mut at = 0;
         for i in 0..pattern.row_count() {
-            let values = || pattern.row(i).flat_map(block_of);
-            if values().any(|v| !v.is_finite()) {
+            let starts: [usize; 4] = std::array::from_fn(|c| self.column_start[3 * i + c]);
+            let (mut finite, mut empty, mut before) = (true, true, 0);
+            for k in pattern.row(i) {
+                let block = block_of(i, k);
+                finite &= block.iter().all(|v| v.is_finite());
+                empty &= block.iter().all(|v| *v == 0.0);
+                let j = pattern.column[k] as usize;
+                if j <= i {
+                    // the entries (3 i + c, 3 j + d) of the lower triangle are column 3 i + c of the upper one
+                    for c in 0..3 {
+                        let count = if j == i { c + 1 } else { 3 };
+                        self.upper[starts[c] + before..][..count].copy_from_slice(&block[3 * c..3 * c + count]);
+                    }
+                    before += 3;
+                }
+            }
+            if !finite {
                 return Err(Fault::NotFinite { row: i });
             }
-            identity[i] = values().all(|v| v == 0.0);
-            for c in 0..3 {
-                for k in pattern.row(i) {
-                    let j = pattern.column[k] as usize;
-                    if j <= i {
-                        // the entries (3 i + c, 3 j + d) of the lower triangle are column 3 i + c of the upper one
-                        let last = if j == i { c + 1 } else { 3 };
-                        for d in 0..last {
-                            let one = identity[i] && j == i && d == c;
-                            self.upper[at] = if one { 1.0 } else { block_of(k)[3 * c + d] };
-                            at += 1;
-                        }
-                    }
-                }
+            identity[i] = empty;
+            if empty {
+                // the diagonal is the last of each column
+                starts[1..].iter().for_each(|end| self.upper[end - 1] = 1.0);
             }
         }
         Ok(())

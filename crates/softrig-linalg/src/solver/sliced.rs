@@ -135,20 +135,20 @@ impl<A: Scalar> Sliced<A> {
         fill.finish()
     }
 
-    /// As [`Self::load`], from the blocks of the pattern.
+    /// As [`Self::load`], from the blocks of the pattern, by row and place.
     ///
     /// # Errors
     /// As [`Self::load`].
     pub fn load_blocks(
         &mut self,
         pattern: &BlockRows,
-        block_of: &(impl Fn(usize) -> [A; 9] + Sync),
+        block_of: &(impl Fn(usize, usize) -> [A; 9] + Sync),
         inverse: &mut [Inverse<A>],
         identity: &mut [bool],
     ) -> Result<(), Fault> {
         let fill = Fill::new(self, pattern, inverse, identity);
         let rows = (0..pattern.row_count()).into_par_iter().with_min_len(ROWS);
-        rows.for_each(|row| fill.take(row, pattern.row(row).map(block_of)));
+        rows.for_each(|row| fill.take(row, pattern.row(row).map(|k| block_of(row, k))));
         fill.finish()
     }
 

@@ -160,7 +160,7 @@ impl Cycle {
             let (fine, coarse) = self.levels.split_at_mut(l + 1);
             galerkin.refresh(&fine[l].pattern, &|row, k| fine[l].matrix().block(row, k));
             // a diagonal block that has no inverse is left out of the smoothing
-            let _ = coarse[0].load(&|k| galerkin.coarse_block(k));
+            let _ = coarse[0].load(&|row, k| galerkin.coarse_block(row, k));
         }
         for level in &mut self.levels {
             level.estimate_spectrum();
@@ -170,7 +170,7 @@ impl Cycle {
 
     fn factorise(&mut self) {
         let galerkin = &self.galerkin[self.galerkin.len() - 1];
-        let block_of = |k: usize| galerkin.coarse_block(k).map(f64::from);
+        let block_of = |row: usize, k: usize| galerkin.coarse_block(row, k).map(f64::from);
         self.factorised = self.coarsest.as_mut().is_some_and(|factor| {
             let loaded = factor.load(&self.coarsest_blocks, &block_of, &mut self.coarsest_identity);
             factor.shift_diagonal(SHIFT, 1e-6);

@@ -2,18 +2,21 @@
 //!
 //! Fine rows are taken strip by strip. A row of `A P` lives in the cache for as long as it takes to add its multiples to the coarse
 //! rows it belongs to, from the diagonal on; what is left of these is the mirror image, as systems are symmetric. Each strip adds to
-//! coarse rows of its own, which are summed in the order of the strips: any number of threads gives the same bits. Where each
-//! contribution lands is found once; a refresh only streams values through it.
+//! coarse rows of its own, which are summed, where a block is asked for, in the order of the strips: any number of threads gives the
+//! same bits. Where each contribution lands is found once; a refresh only streams values through it.
 
 use super::interpolation::{Interpolation, Weights};
-use super::pattern::{MIRRORED, Pattern};
+use super::pattern::Pattern;
 use crate::solver::free::{BlockRows, Blocks};
 use crate::{Kernel, par, run_wide};
 use rayon::prelude::*;
-use std::ops::Range;
 
 /// Fine rows of a strip: enough that few coarse rows belong to several, few enough that its blocks stay in the cache.
-const STRIP: usize = 512;
+const STRIP: usize = 1024;
+/// A strip with more coarse columns ends: tables grow with rows times columns, and nodes may be in no order.
+const COLUMNS: usize = 2048;
+/// Not a column of the strip, or not a block of the row.
+const ABSENT: u16 = u16::MAX;
 /// Rows per task.
 const ROWS: usize = 128;
 
@@ -22,23 +25,22 @@ const ROWS: usize = 128;
 pub(super) struct Galerkin {
     p: Weights,
     pt: Weights,
-    /// Pattern of the coarse matrix: rows and columns.
+    /// Pattern of the coarse matrix.
     coarse: Pattern,
-    /// Its part from the diagonal on, which is what is computed.
-    upper: Pattern,
-    /// For every coarse block: where it is in the upper part, or its mirror image, with [`MIRRORED`].
-    source: Vec<u32>,
+    /// For every coarse block: its place, or that of its mirror image, in what the row has from the diagonal on, which is what is
+    /// computed.
+    place: Vec<u16>,
     /// Fine rows in the order of their nodes, which lie close together strip by strip.
     order: Vec<u32>,
     strips: Vec<Strip>,
-    /// Where contributions land, in the order a refresh meets them.
     places: Places,
+    /// Blocks of the longest row of `A P`.
+    room: usize,
     /// The coarse rows of each strip, after room for one row of `A P`.
     parts: Vec<[f32; 9]>,
     /// For every coarse row: where its parts are.
     part_start: Vec<u32>,
     part: Vec<u32>,
-    values: Vec<[f32; 9]>,
 }
 
 /// Where a strip begins in each of the lists.
@@ -46,36 +48,54 @@ pub(super) struct Galerkin {
 struct Strip {
     row: usize,
     gather: usize,
+    list: usize,
     entry: usize,
-    spread: usize,
+    column: usize,
+    table: usize,
     part: usize,
 }
 
+/// Where contributions land. Coarse columns of a strip have numbers of their own, ascending, by which tables find the place of a
+/// contribution: these stay in the cache.
 #[derive(Debug, Default)]
 struct Places {
     /// Blocks of each row of `A P`.
     width: Vec<u16>,
     /// Of what is added to a row of `A P`: place in the row.
     gather: Vec<u16>,
-    /// For each weight of a fine row: first block of its row of `A P` that is not left of the coarse diagonal, and the strip's part of
-    /// the coarse row.
-    tail: Vec<u16>,
-    base: Vec<u32>,
-    /// Of what is added to a coarse row: place in the row.
-    spread: Vec<u16>,
+    /// Of each block of a row of `A P`: number of its column.
+    list: Vec<u16>,
+    /// For each weight of a fine row: number of the coarse row.
+    number: Vec<u16>,
+    /// For each number that is also one of a coarse row: where this begins in the strip's table, and in its part.
+    row: Vec<[u32; 2]>,
+    /// For each coarse row of a strip and each number from its own on: place in the coarse row.
+    table: Vec<u16>,
 }
 
 impl Places {
+    fn end(&self, row: usize, part: usize) -> Strip {
+        let Self { gather, list, number, row: column, table, .. } = self;
+        let (gather, list, entry) = (gather.len(), list.len(), number.len());
+        Strip { row, gather, list, entry, column: column.len(), table: table.len(), part }
+    }
+
     /// Gives back what growing has taken too much.
     fn shrink(&mut self) {
-        [&mut self.width, &mut self.gather, &mut self.tail, &mut self.spread].into_iter().for_each(Vec::shrink_to_fit);
-        self.base.shrink_to_fit();
+        let Self { width, gather, list, number, row, table } = self;
+        [width, gather, list, number, table].into_iter().for_each(Vec::shrink_to_fit);
+        row.shrink_to_fit();
     }
 }
 
 impl Galerkin {
     /// `fine` has one row per row of `p`.
     pub fn new(fine: &Blocks, p: &Interpolation) -> Self {
+        Self::in_strips(fine, p, [STRIP, COLUMNS])
+    }
+
+    /// Strips end after so many rows, or coarse columns.
+    fn in_strips(fine: &Blocks, p: &Interpolation, most: [usize; 2]) -> Self {
         let pt = p.transposed();
         let ap = Pattern::of_product(fine.row_count(), p.coarse_count, |i, add| {
             for k in fine.row(i) {
@@ -88,60 +108,74 @@ impl Galerkin {
             }
         });
         let upper = coarse.upper();
-        let source = coarse.sources(&upper);
-        let values = vec![[0.0; 9]; upper.column.len()];
+        let place = coarse.places(&upper);
         let mut order: Vec<u32> = (0..fine.row_count() as u32).collect();
         order.sort_by_key(|row| fine.node[*row as usize]);
-        let mut out = Self { p: p.into(), pt: (&pt).into(), coarse, upper, source, order, values, ..Self::default() };
-        out.cut(fine, p, &ap);
+        let mut out = Self { p: p.into(), pt: (&pt).into(), coarse, place, order, ..Self::default() };
+        out.cut(fine, &ap, &upper, most);
         out
     }
 
     /// Makes the strips and finds all places.
-    fn cut(&mut self, fine: &Blocks, p: &Interpolation, ap: &Pattern) {
-        let Self { upper, order, strips, places, .. } = self;
-        let room = (0..ap.row_count()).map(|i| ap.row(i).len()).max().unwrap_or(0);
+    fn cut(&mut self, fine: &Blocks, ap: &Pattern, upper: &Pattern, [most_rows, most_columns]: [usize; 2]) {
+        let Self { p, order, strips, places, room, .. } = self;
+        *room = (0..ap.row_count()).map(|i| ap.row(i).len()).max().unwrap_or(0);
         // coarse row and place in all parts
         let mut part: Vec<(u32, u32)> = Vec::new();
-        let mut base = vec![u32::MAX; p.coarse_count];
-        let (mut row, mut len) = (0, 0);
-        for rows in order.chunks(STRIP) {
-            let Places { gather, tail, spread, .. } = &*places;
-            let strip = Strip { row, gather: gather.len(), entry: tail.len(), spread: spread.len(), part: len };
+        let mut number = vec![ABSENT; upper.row_count()];
+        let mut columns: Vec<u32> = Vec::new();
+        let (mut rest, mut row, mut len) = (&order[..], 0, 0);
+        while !rest.is_empty() {
+            let strip = places.end(row, len);
             strips.push(strip);
-            let first = part.len();
-            let mut next = room;
-            for i in rows.iter().map(|i| *i as usize) {
-                let columns = ap.columns(i);
-                places.width.push(columns.len() as u16);
-                for k in fine.row(i) {
-                    for c in &p.column[p.row(fine.column[k] as usize)] {
-                        places.gather.push(place_of(*c, columns));
+            columns.clear();
+            let mut count = 0;
+            while count < rest.len().min(most_rows) && columns.len() <= most_columns {
+                for c in ap.columns(rest[count] as usize) {
+                    if std::mem::replace(&mut number[*c as usize], 0) == ABSENT {
+                        columns.push(*c);
                     }
                 }
-                for c in p.column[p.row(i)].iter().map(|c| *c as usize) {
-                    let coarse = upper.columns(c);
-                    if base[c] == u32::MAX {
-                        base[c] = next as u32;
-                        part.push((c as u32, (len + next) as u32));
-                        next += coarse.len();
-                    }
-                    let tail = columns.partition_point(|j| (*j as usize) < c);
-                    places.tail.push(tail as u16);
-                    places.base.push(base[c]);
-                    places.spread.extend(columns[tail..].iter().map(|j| place_of(*j, coarse)));
+                count += 1;
+            }
+            columns.sort_unstable();
+            columns.iter().enumerate().for_each(|(n, c)| number[*c as usize] = n as u16);
+            let (rows, after) = rest.split_at(count);
+            (rest, row) = (after, row + count);
+            let mut is_row = vec![false; columns.len()];
+            for i in rows.iter().map(|i| *i as usize) {
+                let row = ap.columns(i);
+                places.width.push(row.len() as u16);
+                places.list.extend(row.iter().map(|c| number[*c as usize]));
+                for k in fine.row(i) {
+                    let place = |c: &u32| row.binary_search(c).expect("the pattern holds every contribution") as u16;
+                    places.gather.extend(p.column[p.row(fine.column[k] as usize)].iter().map(place));
+                }
+                for c in &p.column[p.row(i)] {
+                    places.number.push(number[*c as usize]);
+                    is_row[usize::from(number[*c as usize])] = true;
                 }
             }
-            part[first..].iter().for_each(|(c, _)| base[*c as usize] = u32::MAX);
-            (row, len) = (row + rows.len(), len + next);
+            len += *room;
+            for (n, c) in columns.iter().enumerate() {
+                let at = [places.table.len() - strip.table, len - *room - strip.part].map(|at| at as u32);
+                places.row.push(at);
+                if is_row[n] {
+                    part.push((*c, len as u32));
+                    let coarse = upper.columns(*c as usize);
+                    len += coarse.len();
+                    let place = |c: &u32| coarse.binary_search(c).map_or(ABSENT, |at| at as u16);
+                    places.table.extend(columns[n..].iter().map(place));
+                }
+            }
+            columns.iter().for_each(|c| number[*c as usize] = ABSENT);
         }
-        let Places { gather, tail, spread, .. } = &*places;
-        strips.push(Strip { row, gather: gather.len(), entry: tail.len(), spread: spread.len(), part: len });
+        strips.push(places.end(row, len));
         places.shrink();
         self.parts = vec![[0.0; 9]; len];
         // strips stay in their order
         part.sort_by_key(|(c, _)| *c);
-        let starts = (0..=p.coarse_count as u32).map(|c| part.partition_point(|(row, _)| *row < c) as u32);
+        let starts = (0..=upper.row_count() as u32).map(|c| part.partition_point(|(row, _)| *row < c) as u32);
         self.part_start = starts.collect();
         self.part = part.into_iter().map(|(_, at)| at).collect();
     }
@@ -174,10 +208,17 @@ impl Galerkin {
         Blocks { rows: rows.into(), column: column.clone() }
     }
 
-    /// A block of the coarse pattern, as the last [`Self::refresh`] made it.
-    pub fn coarse_block(&self, k: usize) -> [f32; 9] {
-        let m = self.values[(self.source[k] & !MIRRORED) as usize];
-        if self.source[k] < MIRRORED { m } else { [m[0], m[3], m[6], m[1], m[4], m[7], m[2], m[5], m[8]] }
+    /// Block `k` of the coarse pattern, which is in that row, as the last [`Self::refresh`] made it: the sum of its parts, or its
+    /// mirror image.
+    #[inline]
+    pub fn coarse_block(&self, row: usize, k: usize) -> [f32; 9] {
+        let column = self.coarse.column[k] as usize;
+        let (first, at) = (row.min(column), usize::from(self.place[k]));
+        let mut m = [0.0; 9];
+        for part in &self.part[self.part_start[first] as usize..self.part_start[first + 1] as usize] {
+            add(&mut m, 1.0, &self.parts[*part as usize + at]);
+        }
+        if column < row { [m[0], m[3], m[6], m[1], m[4], m[7], m[2], m[5], m[8]] } else { m }
     }
 
     /// Makes the coarse blocks for the fine ones, which are those of a symmetric matrix: column and numbers by row and
@@ -190,17 +231,8 @@ impl Galerkin {
                 run_wide::<f32, _>(FillStrip { all: self, fine, fine_block, s, parts: &mut *parts });
             }
         });
-        let mut values = std::mem::take(&mut self.values);
-        let at = |c: usize| self.upper.start[c] as usize;
-        par::divide(0..self.upper.row_count(), ROWS, &at, &mut values, &|rows, values| {
-            run_wide::<f32, _>(AddParts { all: self, parts: &parts, rows, values });
-        });
-        (self.parts, self.values) = (parts, values);
+        self.parts = parts;
     }
-}
-
-fn place_of(column: u32, columns: &[u32]) -> u16 {
-    columns.binary_search(&column).expect("the pattern holds every contribution") as u16
 }
 
 /// What the rows of a strip add to coarse rows.
@@ -218,51 +250,31 @@ impl<F: Fn(usize, usize) -> (u32, [f32; 9]) + Sync> Kernel for FillStrip<'_, F> 
     fn run<const W: usize>(self) {
         let Galerkin { p, order, places, strips, .. } = self.all;
         let (strip, end) = (strips[self.s], strips[self.s + 1]);
+        let coarse_row = &places.row[strip.column..end.column];
+        let table = &places.table[strip.table..end.table];
         let mut gather = places.gather[strip.gather..end.gather].iter();
-        let mut spread = places.spread[strip.spread..end.spread].iter();
-        let mut entries = places.tail[strip.entry..].iter().zip(&places.base[strip.entry..]);
-        let parts = self.parts;
+        let mut entries = places.number[strip.entry..end.entry].iter();
+        let (row, parts) = self.parts.split_at_mut(self.all.room);
         parts.fill([0.0; 9]);
+        let mut lists = &places.list[strip.list..end.list];
         for (i, width) in order[strip.row..end.row].iter().zip(&places.width[strip.row..]) {
-            let (i, width) = (*i as usize, *width as usize);
-            parts[..width].fill([0.0; 9]);
+            let (list, after) = lists.split_at(*width as usize);
+            lists = after;
+            let i = *i as usize;
+            let row = &mut row[..list.len()];
+            row.fill([0.0; 9]);
             for k in 0..self.fine.row(i).len() {
                 let (column, a) = (self.fine_block)(i, k);
                 for (w, at) in p.weight[p.row(column as usize)].iter().zip(&mut gather) {
-                    add(&mut parts[*at as usize], *w, &a);
+                    add(&mut row[*at as usize], *w, &a);
                 }
             }
-            for (w, (tail, base)) in p.weight[p.row(i)].iter().zip(&mut entries) {
-                let (row, parts) = parts.split_at_mut(*base as usize);
-                for (a, at) in row[*tail as usize..width].iter().zip(&mut spread) {
-                    add(&mut parts[*at as usize], *w, a);
-                }
-            }
-        }
-    }
-}
-
-/// Sums the parts of some coarse rows.
-struct AddParts<'a> {
-    all: &'a Galerkin,
-    parts: &'a [[f32; 9]],
-    rows: Range<usize>,
-    values: &'a mut [[f32; 9]],
-}
-
-impl Kernel for AddParts<'_> {
-    type Output = ();
-    #[inline(always)]
-    fn run<const W: usize>(self) {
-        let Galerkin { upper, part, part_start, .. } = self.all;
-        let mut rest = self.values;
-        for c in self.rows {
-            let (row, after) = rest.split_at_mut(upper.row(c).len());
-            rest = after;
-            row.fill([0.0; 9]);
-            for at in &part[part_start[c] as usize..part_start[c + 1] as usize] {
-                for (sum, a) in row.iter_mut().zip(&self.parts[*at as usize..]) {
-                    add(sum, 1.0, a);
+            for (w, number) in p.weight[p.row(i)].iter().zip(&mut entries) {
+                let [table_start, part] = coarse_row[usize::from(*number)];
+                let (places, part) = (&table[table_start as usize..], &mut parts[part as usize..]);
+                let tail = list.partition_point(|c| c < number);
+                for (a, c) in row[tail..].iter().zip(&list[tail..]) {
+                    add(&mut part[usize::from(places[usize::from(*c - number)])], *w, a);
                 }
             }
         }
@@ -300,7 +312,6 @@ mod tests {
     #[test]
     fn coarse_operators_are_the_dense_triple_product() {
         for case in 0..6usize {
-            // up to three strips
             let (n, coarse) = (30 + 301 * case, 4 + 3 * case);
             let cells: Vec<[u32; 3]> =
                 (0..2 * n as u32).map(|i| [i % n as u32, (i * i + 3) % n as u32, (i * 7 + 1) % n as u32]).collect();
@@ -326,7 +337,9 @@ mod tests {
                 let (i, j) = (row_of(k), fine.column[k] as usize);
                 std::array::from_fn(|e| number(3 * i + e / 3, 3 * j + e % 3))
             };
-            let mut galerkin = Galerkin::new(&fine, &p);
+            // whole strips, or some that end early
+            let mut galerkin = Galerkin::in_strips(&fine, &p, [[STRIP, COLUMNS], [300, COLUMNS], [STRIP, 6]][case % 3]);
+            assert!(galerkin.strips.len() > [1, 2, 4][case % 3] || case < 3);
             galerkin.refresh(&fine, &|i, at| (fine.column[fine.row(i).start + at], block(fine.row(i).start + at)));
             let mut dense = vec![vec![[0.0f64; 9]; p.coarse_count]; p.coarse_count];
             for i in 0..fine.row_count() {
@@ -347,7 +360,7 @@ mod tests {
                     let j = coarse_pattern.column[k] as usize;
                     there[i][j] = true;
                     for e in 0..9 {
-                        let (a, b) = (f64::from(galerkin.coarse_block(k)[e]), dense[i][j][e]);
+                        let (a, b) = (f64::from(galerkin.coarse_block(i, k)[e]), dense[i][j][e]);
                         assert!((a - b).abs() < 1e-5 * b.abs().max(100.0), "block {i} {j}: {a} {b}");
                     }
                 }

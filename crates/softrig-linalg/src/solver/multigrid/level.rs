@@ -76,8 +76,8 @@ impl Level {
         }
     }
 
-    /// Takes the blocks of the pattern; from now on products take these.
-    pub fn load(&mut self, block_of: &(impl Fn(usize) -> [f32; 9] + Sync)) -> Result<(), Fault> {
+    /// Takes the blocks of the pattern, by row and place; from now on products take these.
+    pub fn load(&mut self, block_of: &(impl Fn(usize, usize) -> [f32; 9] + Sync)) -> Result<(), Fault> {
         self.by_cubes = false;
         self.matrix.load_blocks(&self.pattern, block_of, &mut self.inverse, &mut self.identity)
     }

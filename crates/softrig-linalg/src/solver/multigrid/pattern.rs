@@ -2,9 +2,6 @@
 
 use std::ops::Range;
 
-/// Marks a block that is the transpose of the one it points to.
-pub(super) const MIRRORED: u32 = 1 << 31;
-
 /// Compressed rows, columns ascending.
 #[derive(Debug, Default)]
 pub(super) struct Pattern {
@@ -55,15 +52,13 @@ impl Pattern {
         out
     }
 
-    /// For every block of this square, symmetric pattern: where it is in its upper part, or its mirror image, with [`MIRRORED`].
-    pub fn sources(&self, upper: &Self) -> Vec<u32> {
+    /// For every block of this square, symmetric pattern: its place in its row of the upper part, or that of its mirror image.
+    pub fn places(&self, upper: &Self) -> Vec<u16> {
         let mut out = Vec::with_capacity(self.column.len());
         for i in 0..self.row_count() {
             for &j in self.columns(i) {
                 let (row, column) = (i.min(j as usize), i.max(j as usize) as u32);
-                let at = upper.columns(row).binary_search(&column).expect("the pattern is symmetric");
-                let mirrored = if (j as usize) < i { MIRRORED } else { 0 };
-                out.push((upper.row(row).start + at) as u32 | mirrored);
+                out.push(upper.columns(row).binary_search(&column).expect("the pattern is symmetric") as u16);
             }
         }
         out

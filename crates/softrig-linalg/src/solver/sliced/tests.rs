@@ -29,7 +29,7 @@ fn product_is_right<A: Scalar>(bound: f64) {
     let rows = free.row_count();
     let mut matrix = Sliced::<A>::new(&free, &[0, 100, 100, rows as u32]);
     let (mut inverse, mut identity) = (vec![Inverse::default(); rows], vec![true; rows]);
-    matrix.load_blocks(&free, &|k| block(&free, k), &mut inverse, &mut identity).unwrap();
+    matrix.load_blocks(&free, &|_, k| block(&free, k), &mut inverse, &mut identity).unwrap();
     assert!(identity.iter().all(|i| !i));
     let number = |i: usize, c: usize| A::from_f64(if c < 3 { ((3 * i + c) as f64).sin() } else { 0.0 });
     let x: Vec<[A; 4]> = (0..rows).map(|i| std::array::from_fn(|c| number(i, c))).collect();
@@ -66,7 +66,7 @@ fn wide_is_plain<A: Scalar>() {
     let free = pattern(97, vec![false; 97]);
     let mut matrix = Sliced::<A>::new(&free, &[0, 97]);
     let (mut inverse, mut identity) = (vec![Inverse::default(); 97], vec![false; 97]);
-    matrix.load_blocks(&free, &|k| block(&free, k), &mut inverse, &mut identity).unwrap();
+    matrix.load_blocks(&free, &|_, k| block(&free, k), &mut inverse, &mut identity).unwrap();
     let number = |i: usize, c: usize| A::from_f64(if c < 3 { (i as f64 + 0.7 * c as f64).sin() } else { 0.0 });
     let x: Vec<[A; 4]> = (0..97).map(|i| std::array::from_fn(|c| number(i, c))).collect();
     for slice in 0..matrix.layout.filled.len() {
@@ -92,7 +92,7 @@ fn faults_name_the_first_row_and_empty_rows_become_the_identity() {
         let (mut inverse, mut identity) = (vec![Inverse::default(); 400], vec![false; 400]);
         let fault = matrix.load_blocks(
             &free,
-            &|k| {
+            &|_, k| {
                 let mut b = block(&free, k);
                 for (row, v) in bad {
                     if free.diagonal[*row] as usize == k {
