@@ -4,7 +4,7 @@
 #![allow(non_snake_case, reason = "symbols of the continuum mechanics literature")]
 
 use super::hex::{HexBlock, HexShape, columns};
-use super::incidence::{Cells, GROUP, GROUPS, Incidence, Strips};
+use super::incidence::{Cells, Corner, GROUP, GROUPS, Incidence, Strips};
 use super::tet::{BLOCK, TetBlock, warp};
 use rayon::prelude::*;
 use softrig_linalg::{BlockPattern, Kernel, Lane, Scalar, Scatter, Wide, par, run_wide};
@@ -137,7 +137,7 @@ impl<R: Scalar> Kernel for RowKernel<'_, R> {
                 sums[..len].fill([zero; 3]);
                 match rows.strips.cells(strip) {
                     Cells::Groups(_) => tet_row(rows, node, window, &warped, &mut sums[..len]),
-                    Cells::Crowded(slots) => crowded_row(rows, slots, node, window, &mut sums),
+                    Cells::Crowded(corners) => crowded_row(rows, corners, window, &mut sums),
                 }
                 hex_row(rows, node, window, &mut sums);
                 for k in 0..len {
@@ -169,6 +169,7 @@ fn tet_row<R: Scalar>(rows: &Rows<'_, R>, node: usize, window: usize, warped: &W
     let Some(ratio) = rows.ratio else {
         for (slot, block) in slots.iter().zip(blocks) {
             let (cell, a) = (*slot as usize / 4, *slot as usize % 4);
+            let block = [block[0] as usize, block[1] as usize, block[2] as usize];
             add_tet(rows, &warped[cell], a, block, window, sums);
         }
         return;
@@ -181,7 +182,7 @@ fn tet_row<R: Scalar>(rows: &Rows<'_, R>, node: usize, window: usize, warped: &W
         let mga = [g[a][0] * mu, g[a][1] * mu, g[a][2] * mu];
         for k in 1..4 {
             let b = (a + k) % 4;
-            if let Some(sum) = sums.get_mut((block[b] as usize).wrapping_sub(window)) {
+            if let Some(sum) = sums.get_mut((block[k - 1] as usize).wrapping_sub(window)) {
                 let gb = Wide(g[b]);
                 for i in 0..3 {
                     sum[i] += gb * Wide::splat(mga[i]);
@@ -207,20 +208,14 @@ fn all_gradients<R: Scalar>(g: &[[R; 4]; 3]) -> [[R; 4]; 4] {
     [(-(Wide(g[0]) + Wide(g[1]) + Wide(g[2]))).0, g[0], g[1], g[2]]
 }
 
-/// Blocks of a row with more cells than a strip may have. Out of line: meshes have none, or few.
+/// Blocks of the row of a crowded node. Out of line: meshes have none, or few.
 #[inline(never)]
-fn crowded_row<R: Scalar>(
-    rows: &Rows<'_, R>,
-    slots: &[u32],
-    node: usize,
-    window: usize,
-    sums: &mut [[Quad<R>; 3]; WINDOW],
-) {
+fn crowded_row<R: Scalar>(rows: &Rows<'_, R>, corners: &[Corner], window: usize, sums: &mut [[Quad<R>; 3]; WINDOW]) {
     let mut near = [[[R::zero(); 4]; 3]; GROUP];
-    for (slot, block) in slots.iter().zip(rows.strips.at(node).1) {
+    for Corner { slot, block } in corners {
         let (cell, a) = (*slot as usize / 4, *slot as usize % 4);
         warp::<R, 1>(rows.tet_blocks, rows.tet_q, cell / GROUP, &mut near);
-        add_tet(rows, &near[cell % GROUP], a, block, window, sums);
+        add_tet(rows, &near[cell % GROUP], a, block.map(usize::from), window, sums);
     }
 }
 
@@ -230,7 +225,7 @@ fn add_tet<R: Scalar>(
     rows: &Rows<'_, R>,
     g: &[[R; 4]; 3],
     a: usize,
-    block: &[u16; 4],
+    block: [usize; 3],
     window: usize,
     sums: &mut [[Quad<R>; 3]],
 ) {
@@ -242,11 +237,9 @@ fn add_tet<R: Scalar>(
     let ga = g[a];
     let mga = Wide([ga[0] * mu, ga[1] * mu, ga[2] * mu, R::zero()]);
     let lga = [ga[0] * lambda, ga[1] * lambda, ga[2] * lambda];
-    for b in 0..4 {
-        if b == a {
-            continue;
-        }
-        let Some(sum) = sums.get_mut((block[b] as usize).wrapping_sub(window)) else { continue };
+    for k in 1..4 {
+        let b = (a + k) % 4;
+        let Some(sum) = sums.get_mut(block[k - 1].wrapping_sub(window)) else { continue };
         let gb = g[b];
         let dot = gb[0] * mga.0[0] + gb[1] * mga.0[1] + gb[2] * mga.0[2];
         for i in 0..3 {

@@ -116,7 +116,7 @@ impl<R: Scalar> Corotated<R> {
             tet_scatter,
             hex_parts: parts(hex_scatter.part_count()),
             hex_scatter,
-            strips: Strips::new(Incidence::new(nodes, &tet_nodes, &pattern)),
+            strips: Strips::new(&Incidence::new(nodes, &tet_nodes, &pattern)),
             hex_incidence: Incidence::new(nodes, &mesh.hexes, &pattern),
             tet_order,
             pattern,

@@ -54,6 +54,17 @@ impl<const N: usize> Incidence<N> {
     }
 }
 
+impl Incidence<4> {
+    /// The corners at a node, with the blocks of the others.
+    fn corners(&self, node: usize) -> impl Iterator<Item = Corner> + '_ {
+        let (slots, blocks) = self.at(node);
+        slots.iter().zip(blocks).map(|(slot, block)| {
+            let own = *slot as usize % 4;
+            Corner { slot: *slot, block: std::array::from_fn(|k| block[(own + 1 + k) % 4]) }
+        })
+    }
+}
+
 /// Cells of a group: they are turned together.
 pub(super) const GROUP: usize = 8;
 /// Most groups of a strip.
@@ -68,58 +79,81 @@ const NODES: usize = 128;
 pub(super) struct Strips {
     /// First node of each strip, and one past the last.
     node: Vec<u32>,
-    /// Groups of cells of each strip: first of them, and one past the last; which. A strip with more than [`GROUPS`] is a single
-    /// node that has the slots of [`Incidence`] instead.
+    /// Groups of cells of each strip: first of them, and one past the last; which.
     start: Vec<u32>,
     group: Vec<u32>,
-    /// Incidence of each node, with the slot counted in the groups of the strip.
+    /// Incidence of each node: first of it, and one past the last; slots, counted in the groups of the strip; and blocks.
     first: Vec<u32>,
     slot: Vec<u16>,
-    block: Vec<[u16; 4]>,
+    block: Vec<[u8; 3]>,
+    /// Nodes that are a strip each and have none of the above, ascending: those with more than [`GROUPS`] groups, or with a row that
+    /// [`Self::block`] cannot count.
+    crowded: Vec<(u32, Vec<Corner>)>,
+}
+
+/// A corner of a cell at a crowded node.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Corner {
+    /// cell * 4 + corner
+    pub slot: u32,
+    /// Where the blocks of the three corners after this one, taken round, are in the row of the node.
+    pub block: [u16; 3],
 }
 
 impl Strips {
-    pub(super) fn new(incidence: Incidence<4>) -> Self {
+    pub(super) fn new(incidence: &Incidence<4>) -> Self {
         let nodes = incidence.start.len() - 1;
         let mut out = Self {
             node: vec![0],
             start: vec![0],
             group: Vec::new(),
-            first: Vec::new(),
+            first: Vec::with_capacity(nodes + 1),
             slot: Vec::with_capacity(incidence.slot.len()),
-            block: Vec::new(),
+            block: Vec::with_capacity(incidence.slot.len()),
+            crowded: Vec::new(),
         };
+        out.first.push(0);
         let group_of = |slot: &u32| *slot / (4 * GROUP as u32);
+        let is_long = |n: usize| incidence.at(n).1.iter().flatten().any(|b| *b > u16::from(u8::MAX));
         let (mut here, mut more): (Vec<u32>, Vec<u32>) = (Vec::new(), Vec::new());
         let mut n = 0;
         while n < nodes {
             let first = n;
+            let mut crowded = false;
             here.clear();
-            while n < nodes && n < first + NODES {
+            while n < nodes && n < first + NODES && !crowded {
                 more.clone_from(&here);
                 more.extend(incidence.at(n).0.iter().map(group_of));
                 more.sort_unstable();
                 more.dedup();
-                if more.len() > GROUPS && n > first {
+                let fits = more.len() <= GROUPS && !is_long(n);
+                if !fits && n > first {
                     break;
                 }
+                crowded = !fits;
                 std::mem::swap(&mut here, &mut more);
                 n += 1;
-                if here.len() > GROUPS {
-                    break;
+            }
+            if crowded {
+                out.crowded.push((first as u32, incidence.corners(first).collect()));
+                out.first.push(out.slot.len() as u32);
+            } else {
+                for node in first..n {
+                    for Corner { slot, block } in incidence.corners(node) {
+                        let at = here.partition_point(|g| *g < group_of(&slot));
+                        out.slot.push((at * 4 * GROUP) as u16 + (slot % (4 * GROUP as u32)) as u16);
+                        out.block.push(block.map(|b| b as u8));
+                    }
+                    out.first.push(out.slot.len() as u32);
                 }
+                out.group.extend_from_slice(&here);
             }
-            let crowded = here.len() > GROUPS;
-            for slot in &incidence.slot[incidence.start[first] as usize..incidence.start[n] as usize] {
-                let at = if crowded { 0 } else { here.partition_point(|g| *g < group_of(slot)) };
-                out.slot.push((at * 4 * GROUP) as u16 + (*slot % (4 * GROUP as u32)) as u16);
-            }
-            out.group.extend_from_slice(if crowded { incidence.at(first).0 } else { &here });
             out.start.push(out.group.len() as u32);
             out.node.push(n as u32);
         }
         out.group.shrink_to_fit();
-        (out.first, out.block) = (incidence.start, incidence.block);
+        out.start.shrink_to_fit();
+        out.node.shrink_to_fit();
         out
     }
 
@@ -133,16 +167,23 @@ impl Strips {
         self.node[strip] as usize..self.node[strip + 1] as usize
     }
 
-    /// Its groups of cells, or the slots of its only node.
+    /// Its groups of cells, or the corners at its only node.
     #[inline(always)]
     pub(super) fn cells(&self, strip: usize) -> Cells<'_> {
-        let cells = &self.group[self.start[strip] as usize..self.start[strip + 1] as usize];
-        if cells.len() > GROUPS { Cells::Crowded(cells) } else { Cells::Groups(cells) }
+        let groups = &self.group[self.start[strip] as usize..self.start[strip + 1] as usize];
+        if groups.is_empty() { Cells::Crowded(self.corners(self.node[strip])) } else { Cells::Groups(groups) }
     }
 
-    /// Slots, counted in the groups of the strip, and blocks of a node.
+    /// The corners at a crowded node; none at others.
+    #[inline(never)]
+    fn corners(&self, node: u32) -> &[Corner] {
+        let found = self.crowded.binary_search_by_key(&node, |c| c.0);
+        found.map_or(&[], |i| &self.crowded[i].1)
+    }
+
+    /// Slots, counted in the groups of the strip, and blocks of a node: those of the three corners after its own, taken round.
     #[inline(always)]
-    pub(super) fn at(&self, node: usize) -> (&[u16], &[[u16; 4]]) {
+    pub(super) fn at(&self, node: usize) -> (&[u16], &[[u8; 3]]) {
         let range = self.first[node] as usize..self.first[node + 1] as usize;
         (&self.slot[range.clone()], &self.block[range])
     }
@@ -151,5 +192,5 @@ impl Strips {
 /// The cells of a strip.
 pub(super) enum Cells<'a> {
     Groups(&'a [u32]),
-    Crowded(&'a [u32]),
+    Crowded(&'a [Corner]),
 }

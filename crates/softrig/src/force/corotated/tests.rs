@@ -57,15 +57,17 @@ fn hedgehog(rings: u32) -> VolumeMesh {
     mesh
 }
 
-/// The rows multiply like the increment of the force, which knows of no rows: with one Poisson's ratio, with two, and at a crowded
-/// node.
+/// The rows multiply like the increment of the force, which knows of no rows: with one Poisson's ratio, with two, and at a node
+/// with many cells or neighbours.
 #[test]
 fn rows_are_what_increments_add() {
     let flesh = Material::default();
-    let crowded = hedgehog(32);
+    let (crowded, long) = (hedgehog(32), hedgehog(14));
     assert!(crowded.tets.len() > 2 * 8 * 160, "too few to crowd a strip");
     let bar = crate::mesh::bar([6, 3, 3], [0.6, 0.3, 0.3], crate::mesh::CellKind::Tet4);
-    for (mesh, ratios) in [(&bar, [0.3, 0.3]), (&bar, [0.2, 0.45]), (&crowded, [0.3, 0.3]), (&crowded, [0.2, 0.45])] {
+    assert!(long.tets.len() < 8 * 160 && long.node_count() > 256, "a row that is long for its cells");
+    let cases = [&bar, &crowded, &long].into_iter().flat_map(|mesh| [(mesh, [0.3, 0.3]), (mesh, [0.2, 0.45])]);
+    for (mesh, ratios) in cases {
         let map = MaterialMap {
             materials: ratios
                 .map(|poisson_ratio| Material { poisson_ratio, young_modulus: 1e4 / (1.0 - poisson_ratio), ..flesh })
