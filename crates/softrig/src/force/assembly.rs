@@ -5,7 +5,7 @@
 
 use super::hex::{HexBlock, HexShape, columns};
 use super::incidence::{Cells, Corner, GROUP, GROUPS, Incidence, Strips};
-use super::tet::{BLOCK, TetBlock, warp};
+use super::tet::{BLOCK, Tets, warp};
 use rayon::prelude::*;
 use softrig_linalg::{BlockPattern, Kernel, Lane, Scalar, Scatter, Wide, par, run_wide};
 
@@ -59,7 +59,7 @@ pub(super) fn gather_forces<R: Scalar>(
 pub(super) struct Rows<'a, R> {
     pub pattern: &'a BlockPattern,
     pub strips: &'a Strips,
-    pub tet_blocks: &'a [TetBlock<R>],
+    pub tets: &'a Tets<R>,
     pub tet_q: &'a [[[R; BLOCK]; 4]],
     /// lam / mu, where it is the same for all tetrahedra.
     pub ratio: Option<R>,
@@ -117,7 +117,7 @@ impl<R: Scalar> Kernel for RowKernel<'_, R> {
         let mut long = Vec::new();
         if let Cells::Groups(groups) = rows.strips.cells(strip) {
             for (group, out) in groups.iter().zip(warped.as_chunks_mut::<GROUP>().0) {
-                warp::<R, W>(rows.tet_blocks, rows.tet_q, *group as usize, out);
+                warp::<R, W>(rows.tets, rows.tet_q, *group as usize, out);
             }
         }
         for node in rows.strips.nodes(strip) {
@@ -214,7 +214,7 @@ fn crowded_row<R: Scalar>(rows: &Rows<'_, R>, corners: &[Corner], window: usize,
     let mut near = [[[R::zero(); 4]; 3]; GROUP];
     for Corner { slot, block } in corners {
         let (cell, a) = (*slot as usize / 4, *slot as usize % 4);
-        warp::<R, 1>(rows.tet_blocks, rows.tet_q, cell / GROUP, &mut near);
+        warp::<R, 1>(rows.tets, rows.tet_q, cell / GROUP, &mut near);
         add_tet(rows, &near[cell % GROUP], a, block.map(usize::from), window, sums);
     }
 }

@@ -9,7 +9,7 @@ use super::assembly::{Increment, Rows, gather_forces};
 use super::hex::{self, HexBlock, HexConstants, HexLoad, HexShape};
 use super::incidence::{Incidence, Strips};
 use super::load::{Internal, Product};
-use super::tet::{self, BLOCK, TASK, TetBlock, TetConstants, TetLoad, tet_gradients};
+use super::tet::{self, BLOCK, TASK, TetConstants, TetLoad, Tets, tet_gradients};
 use crate::material::MaterialMap;
 use crate::mesh::VolumeMesh;
 use rayon::prelude::*;
@@ -33,7 +33,7 @@ pub struct Corotated<R> {
     /// Cell of the mesh behind each of our tetrahedra: ours are in the order of their nodes, so that the cells that meet at a
     /// node lie close in memory, however the mesh was written. Empty where they are in the order of the mesh.
     tet_order: Vec<u32>,
-    tets: Vec<TetBlock<R>>,
+    tets: Tets<R>,
     tet_q: Vec<[[R; BLOCK]; 4]>,
     /// lam / mu, where it is the same for all tetrahedra.
     ratio: Option<R>,
@@ -105,7 +105,7 @@ impl<R: Scalar> Corotated<R> {
         let mut model = Self {
             rotations,
             damped: tets.iter().any(|t| t.damping != 0.0) || hexes.iter().any(|h| h.damping != 0.0),
-            tets: tets.chunks(BLOCK).map(TetBlock::new).collect(),
+            tets: Tets::new(&tets),
             tet_q: vec![identity; tets.len().div_ceil(BLOCK)],
             ratio: ratio(&tets),
             hexes: hexes.chunks(BLOCK).map(HexBlock::new).collect(),
@@ -133,7 +133,7 @@ impl<R: Scalar> Corotated<R> {
         Rows {
             pattern: &self.pattern,
             strips: &self.strips,
-            tet_blocks: &self.tets,
+            tets: &self.tets,
             tet_q: &self.tet_q,
             ratio: self.ratio,
             hexes: &self.hex_incidence,
@@ -159,9 +159,9 @@ impl<R: Scalar> Corotated<R> {
     /// Writes the forces that are asked for, and leaves what they are sums of in the parts.
     fn forces(&mut self, load: impl TetLoad<R> + HexLoad<R>, force: &mut [[R; 3]]) {
         let Self { tets, tet_q, tet_parts, tet_scatter, hexes, hex_q, hex_parts, hex_scatter, shapes, .. } = self;
-        tet_scatter.for_chunks(tet_parts, |c, local, parts| {
-            let (blocks, q, nodes) = (par::chunk(tets, c, TASK), par::chunk(tet_q, c, TASK), tet_scatter.nodes(c));
-            run_wide::<R, _>(tet::Forces { blocks, q, load, nodes, local, parts });
+        tet_scatter.for_chunks(tet_parts, |chunk, local, parts| {
+            let (q, nodes) = (par::chunk(tet_q, chunk, TASK), tet_scatter.nodes(chunk));
+            run_wide::<R, _>(tet::Forces { tets, chunk, q, load, nodes, local, parts });
         });
         hex_scatter.for_chunks(hex_parts, |c, local, parts| {
             let (blocks, q, nodes) = (par::chunk(hexes, c, TASK), par::chunk(hex_q, c, TASK), hex_scatter.nodes(c));
@@ -213,10 +213,9 @@ impl<R: Scalar> ForceModel<R> for Corotated<R> {
             return;
         }
         let Self { tets, hexes, shapes, tet_scatter, hex_scatter, .. } = self;
-        let tets = tets.par_chunks(TASK).zip(self.tet_q.par_chunks_mut(TASK)).enumerate();
-        tets.for_each(|(c, (blocks, q))| {
-            let (nodes, local) = (tet_scatter.nodes(c), tet_scatter.local(c));
-            run_wide::<R, _>(tet::Rotate { blocks, nodes, local, position, q });
+        self.tet_q.par_chunks_mut(TASK).enumerate().for_each(|(chunk, q)| {
+            let (nodes, local) = (tet_scatter.nodes(chunk), tet_scatter.local(chunk));
+            run_wide::<R, _>(tet::Rotate { tets, chunk, nodes, local, position, q });
         });
         let hexes = hexes.par_chunks(TASK).zip(self.hex_q.par_chunks_mut(TASK)).enumerate();
         hexes.for_each(|(c, (blocks, q))| {

@@ -18,19 +18,24 @@ pub(super) const TASK: usize = CELLS / BLOCK;
 /// Most nodes of a chunk.
 const PARTS: usize = 4 * CELLS;
 
-/// Constants of [`BLOCK`] tetrahedra. The last block repeats its last cell.
+/// Constants of tetrahedra, block by block. The last block repeats its last cell.
 #[derive(Clone, Debug)]
-pub(super) struct TetBlock<R> {
+pub(super) struct Tets<R> {
     /// Rows of the inverse edge matrix: the gradients of nodes 1, 2, 3 [1/m].
-    gradient: [[[R; BLOCK]; 3]; 3],
-    /// V lam and V mu [N m].
-    lambda: [R; BLOCK],
-    mu: [R; BLOCK],
-    /// b [s].
-    damping: [R; BLOCK],
+    gradient: Vec<[[[R; BLOCK]; 3]; 3]>,
+    moduli: Moduli<R>,
 }
 
-/// What one tetrahedron brings to the block, in f64.
+/// Lamé constants and stiffness damping.
+#[derive(Clone, Debug)]
+enum Moduli<R> {
+    /// V of each cell [m3], and lam [Pa], mu [Pa] and b [s] of all.
+    Same(Vec<[R; BLOCK]>, [R; 3]),
+    /// V lam [N m], V mu [N m] and b [s] of each cell.
+    Each(Vec<[[R; BLOCK]; 3]>),
+}
+
+/// What one tetrahedron brings, in f64.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct TetConstants {
     pub gradient: [[f64; 3]; 3],
@@ -48,15 +53,51 @@ pub fn tet_gradients(X: [[f64; 3]; 4]) -> ([[f64; 3]; 3], f64) {
     (Dm.inverse().0, Dm.determinant() / 6.0)
 }
 
-impl<R: Scalar> TetBlock<R> {
+impl<R: Scalar> Tets<R> {
     pub(super) fn new(cells: &[TetConstants]) -> Self {
-        let at = |l: usize| &cells[l.min(cells.len() - 1)];
-        let fill = |f: &dyn Fn(&TetConstants) -> f64| std::array::from_fn(|l| R::from_f64(f(at(l))));
-        Self {
-            gradient: std::array::from_fn(|a| std::array::from_fn(|i| fill(&|c| c.gradient[a][i]))),
-            lambda: fill(&|c| c.volume * c.lambda),
-            mu: fill(&|c| c.volume * c.mu),
-            damping: fill(&|c| c.damping),
+        let blocks = || cells.chunks(BLOCK);
+        let fill = |cells: &[TetConstants], f: &dyn Fn(&TetConstants) -> f64| {
+            std::array::from_fn(|l| R::from_f64(f(&cells[l.min(cells.len() - 1)])))
+        };
+        let gradient = |cells: &[TetConstants]| {
+            std::array::from_fn(|a| std::array::from_fn(|i| fill(cells, &|c| c.gradient[a][i])))
+        };
+        let of = |c: &TetConstants| [c.lambda, c.mu, c.damping];
+        let each = |cells: &[TetConstants]| {
+            [fill(cells, &|c| c.volume * c.lambda), fill(cells, &|c| c.volume * c.mu), fill(cells, &|c| c.damping)]
+        };
+        let moduli = match cells.first().map(of) {
+            Some(all) if cells.iter().all(|c| of(c) == all) => {
+                Moduli::Same(blocks().map(|cells| fill(cells, &|c| c.volume)).collect(), all.map(R::from_f64))
+            }
+            _ => Moduli::Each(blocks().map(each).collect()),
+        };
+        Self { gradient: blocks().map(gradient).collect(), moduli }
+    }
+
+    /// Gradients of nodes 1, 2, 3 of `W` cells.
+    #[inline(always)]
+    fn gradients<const W: usize>(&self, block: usize, first: usize) -> [Vec3<Wide<R, W>>; 3] {
+        let b = &self.gradient[block];
+        [
+            Vec3([load(&b[0][0], first), load(&b[0][1], first), load(&b[0][2], first)]),
+            Vec3([load(&b[1][0], first), load(&b[1][1], first), load(&b[1][2], first)]),
+            Vec3([load(&b[2][0], first), load(&b[2][1], first), load(&b[2][2], first)]),
+        ]
+    }
+
+    /// V lam, V mu and b of `W` cells.
+    #[inline(always)]
+    fn moduli<const W: usize>(&self, block: usize, first: usize) -> [Wide<R, W>; 3] {
+        match &self.moduli {
+            Moduli::Same(volume, [lambda, mu, damping]) => {
+                let volume = load::<R, W>(&volume[block], first);
+                [volume * Wide::splat(*lambda), volume * Wide::splat(*mu), Wide::splat(*damping)]
+            }
+            Moduli::Each(blocks) => {
+                let [lambda, mu, damping] = &blocks[block];
+                [load(lambda, first), load(mu, first), load(damping, first)]
+            }
         }
     }
 }
@@ -94,19 +135,10 @@ fn gradient_of<S: Lane>(y: [Vec3<S>; 4], g: [Vec3<S>; 3]) -> Mat3<S> {
     (y[1] - y[0]).outer(g[0]) + (y[2] - y[0]).outer(g[1]) + (y[3] - y[0]).outer(g[2])
 }
 
-#[inline(always)]
-fn gradients<R: Scalar, const W: usize>(block: &TetBlock<R>, first: usize) -> [Vec3<Wide<R, W>>; 3] {
-    let b = &block.gradient;
-    [
-        Vec3([load(&b[0][0], first), load(&b[0][1], first), load(&b[0][2], first)]),
-        Vec3([load(&b[1][0], first), load(&b[1][1], first), load(&b[1][2], first)]),
-        Vec3([load(&b[2][0], first), load(&b[2][1], first), load(&b[2][2], first)]),
-    ]
-}
-
 /// Rotations of a chunk's cells.
 pub(super) struct Rotate<'a, R> {
-    pub blocks: &'a [TetBlock<R>],
+    pub tets: &'a Tets<R>,
+    pub chunk: usize,
     /// Nodes of the chunk, and which of them each corner is.
     pub nodes: &'a [u32],
     pub local: &'a [[u16; 4]],
@@ -120,13 +152,14 @@ impl<R: Scalar> Kernel for Rotate<'_, R> {
     fn run<const W: usize>(self) {
         let mut x = Vectors::<R, PARTS>::new();
         gather(self.nodes, self.position, &mut x);
-        for (k, block) in self.blocks.iter().enumerate() {
+        for k in 0..self.q.len() {
+            let block = self.chunk * TASK + k;
             for first in (0..BLOCK).step_by(W) {
                 let cell = k * BLOCK + first;
                 if cell >= self.local.len() {
                     break;
                 }
-                let F = gradient_of(corners(&x, self.local, cell), gradients::<R, W>(block, first));
+                let F = gradient_of(corners(&x, self.local, cell), self.tets.gradients::<W>(block, first));
                 let q = polar(F, load_q::<R, W>(&self.q[k], first));
                 for c in 0..4 {
                     store(&mut self.q[k][c], first, q[c]);
@@ -140,7 +173,7 @@ impl<R: Scalar> Kernel for Rotate<'_, R> {
 /// places.
 #[inline(always)]
 pub(super) fn warp<R: Scalar, const W: usize>(
-    blocks: &[TetBlock<R>],
+    tets: &Tets<R>,
     q: &[[[R; BLOCK]; 4]],
     group: usize,
     warped: &mut [[[R; 4]; 3]; GROUP],
@@ -148,24 +181,25 @@ pub(super) fn warp<R: Scalar, const W: usize>(
     let block = group * GROUP / BLOCK;
     let first = group * GROUP % BLOCK;
     if W > GROUP {
-        warp_lanes::<R, GROUP>(&blocks[block], &q[block], first, warped);
+        warp_lanes::<R, GROUP>(tets, q, block, first, warped);
     } else {
         for k in (0..GROUP).step_by(W) {
-            warp_lanes::<R, W>(&blocks[block], &q[block], first + k, &mut warped[k..]);
+            warp_lanes::<R, W>(tets, q, block, first + k, &mut warped[k..]);
         }
     }
 }
 
 #[inline(always)]
 fn warp_lanes<R: Scalar, const W: usize>(
-    block: &TetBlock<R>,
-    q: &[[R; BLOCK]; 4],
+    tets: &Tets<R>,
+    q: &[[[R; BLOCK]; 4]],
+    block: usize,
     first: usize,
     warped: &mut [[[R; 4]; 3]],
 ) {
-    let rot = rotation(load_q::<R, W>(q, first));
-    let g = gradients::<R, W>(block, first);
-    let constants = [load::<R, W>(&block.lambda, first), load(&block.mu, first), load(&block.damping, first)];
+    let rot = rotation(load_q::<R, W>(&q[block], first));
+    let g = tets.gradients::<W>(block, first);
+    let constants = tets.moduli::<W>(block, first);
     for a in 0..3 {
         let [x, y, z] = (rot * g[a]).0;
         let rows = [&x.0, &y.0, &z.0, &constants[a].0];
@@ -303,7 +337,8 @@ impl<R: Scalar> TetLoad<R> for Product<'_, R> {
 
 /// Forces of a chunk's cells, added to the parts of their nodes; the fourth numbers add up to their energies.
 pub(super) struct Forces<'a, R, L> {
-    pub blocks: &'a [TetBlock<R>],
+    pub tets: &'a Tets<R>,
+    pub chunk: usize,
     pub q: &'a [[[R; BLOCK]; 4]],
     pub load: L,
     /// Nodes of the chunk, and which of them each corner is.
@@ -320,21 +355,23 @@ impl<R: Scalar, L: TetLoad<R>> Kernel for Forces<'_, R, L> {
         self.load.gather(self.nodes, &mut near);
         self.parts.fill([R::zero(); 4]);
         let mut out = Corners::<R, 4>::zero();
-        for (k, block) in self.blocks.iter().enumerate() {
+        for k in 0..self.q.len() {
+            let block = self.chunk * TASK + k;
             for first in (0..BLOCK).step_by(W) {
                 let cell = k * BLOCK + first;
                 if cell >= self.local.len() {
                     break;
                 }
+                let [lambda, mu, damping] = self.tets.moduli(block, first);
                 let (f, energy) = self.load.tets(TetCells::<R, W> {
                     near: &near,
                     local: self.local,
                     first: cell,
-                    gradient: gradients(block, first),
+                    gradient: self.tets.gradients(block, first),
                     rotation: rotation(load_q(&self.q[k], first)),
-                    lambda: load(&block.lambda, first),
-                    mu: load(&block.mu, first),
-                    damping: load(&block.damping, first),
+                    lambda,
+                    mu,
+                    damping,
                 });
                 out.set(first, f, energy);
             }

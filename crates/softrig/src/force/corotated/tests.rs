@@ -129,6 +129,39 @@ fn mixed() -> (VolumeMesh, MaterialMap) {
     (mesh, map)
 }
 
+/// One material for all cells is kept once; that the same moduli written for each cell on its own give the same forces, to the bit, is
+/// what keeps both ways of keeping them one law.
+#[test]
+fn moduli_of_all_are_those_of_each() {
+    let (mut mesh, _) = mixed();
+    mesh.hexes.clear();
+    let pattern = Arc::new(BlockPattern::from_cells(mesh.node_count(), mesh.cells()));
+    let flesh = Material { stiffness_damping: 0.02, ..Material::default() };
+    let bent = |x: &[f64; 3]| [x[0] + 0.2 * x[1] * x[1], x[1], 1.1 * x[2] - 0.1 * x[0]];
+    let position: Vec<[f64; 3]> = mesh.nodes.iter().map(bent).collect();
+    let run = |map: &MaterialMap| {
+        let mut model = Corotated::<f64>::new(&mesh, map, pattern.clone(), Rotations::Follow);
+        model.linearise(&position);
+        let (mut force, mut matrix) = (vec![[0.0; 3]; position.len()], BlockCsr::zero(pattern.clone()));
+        let increment = Increment { velocity: Some(&position), ..Increment::none() };
+        let energy = model.force(&position, increment, &mut force);
+        model.stiffness(60.0, 0.01, &mut matrix);
+        (energy, force, matrix.values)
+    };
+    let same = run(&MaterialMap::uniform(flesh));
+    // one cell of another material sends all cells the other way, and shows at its own nodes alone
+    let cells = mesh.tets.len() as u32;
+    let materials = vec![flesh, Material { young_modulus: 2.0 * flesh.young_modulus, ..flesh }];
+    let of_cell: Vec<u32> = (0..cells).map(|i| u32::from(i == 0)).collect();
+    let each = run(&MaterialMap { materials, of_cell, stiffness_factor: Vec::new() });
+    assert!(same.0 > 0.0 && same.0 < each.0);
+    let far: Vec<usize> = (0..position.len()).filter(|n| !mesh.tets[0].contains(&(*n as u32))).collect();
+    for n in far {
+        assert_eq!(same.1[n], each.1[n], "node {n}");
+        assert_eq!(same.2[pattern.row(n)], each.2[pattern.row(n)], "node {n}");
+    }
+}
+
 /// The product without the matrix is that with it, for both kinds of cells and several materials, in a turned and bent shape; and to
 /// the bit the same on one thread and on four.
 #[test]
