@@ -50,7 +50,8 @@ pub struct Corotated<R> {
     strips: Strips,
     hex_incidence: Incidence<8>,
     cubes: Option<Arc<CubePattern>>,
-    saved: Vec<[[R; BLOCK]; 4]>,
+    /// Rotations to go back to. In f32, because they only say where the next ones are looked for.
+    saved: Vec<[[f32; BLOCK]; 4]>,
 }
 
 /// The cells as equal cubes along the axes, if that is what all of them are.
@@ -272,16 +273,21 @@ impl<R: Scalar> ForceModel<R> for Corotated<R> {
     }
 
     fn save(&mut self) {
-        self.saved.resize(self.tet_q.len() + self.hex_q.len(), [[R::zero(); BLOCK]; 4]);
-        let (tets, hexes) = self.saved.split_at_mut(self.tet_q.len());
-        tets.copy_from_slice(&self.tet_q);
-        hexes.copy_from_slice(&self.hex_q);
+        self.saved.resize(self.tet_q.len() + self.hex_q.len(), [[0.0; BLOCK]; 4]);
+        for (saved, q) in self.saved.iter_mut().zip(self.tet_q.iter_mut().chain(&mut self.hex_q)) {
+            for (saved, q) in saved.as_flattened_mut().iter_mut().zip(q.as_flattened_mut()) {
+                *saved = f32::from_f64(q.to_f64());
+                *q = R::from_f64(saved.to_f64());
+            }
+        }
     }
 
     fn roll_back(&mut self) {
-        let (tets, hexes) = self.saved.split_at(self.tet_q.len());
-        self.tet_q.copy_from_slice(tets);
-        self.hex_q.copy_from_slice(hexes);
+        for (saved, q) in self.saved.iter().zip(self.tet_q.iter_mut().chain(&mut self.hex_q)) {
+            for (saved, q) in saved.as_flattened().iter().zip(q.as_flattened_mut()) {
+                *q = R::from_f64(saved.to_f64());
+            }
+        }
     }
 
     fn history(&self) -> Vec<[R; 4]> {

@@ -80,7 +80,8 @@ pub trait ForceModel<R: Scalar>: Send + Sync {
     /// nothing without a [`Self::cube_pattern`].
     fn cubes(&self, _rate: R, _damping: R, _matrix: &mut CubeMatrix<R>) {}
 
-    /// Remembers the history for [`Self::roll_back`], without allocating.
+    /// Remembers the history for [`Self::roll_back`], without allocating. May round it to f32, the one that goes on as well as the one
+    /// that is remembered, so that both lead to the same bits; so the next [`Self::linearise`] comes before forces and stiffness.
     fn save(&mut self);
 
     /// Puts back the history of the last [`Self::save`].
