@@ -157,7 +157,7 @@ impl<R: Scalar> Prepared<R> {
             }
             let (out, squares) = (&mut self.true_residual, &mut self.squares);
             let target = Target { free: &self.pattern, rhs, scale, out, squares };
-            let sum = target.from_entries(matrix, &self.identity, &self.candidate);
+            let sum = target.of_entries(matrix, &self.identity, &self.candidate);
             let residual = (sum / square).sqrt();
             if residual <= tolerance {
                 self.pattern.scatter(&self.candidate, solution);

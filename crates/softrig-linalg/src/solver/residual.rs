@@ -37,7 +37,7 @@ impl Squares {
 
 impl<B: Scalar, A: Scalar, const N: usize> Target<'_, B, A, N> {
     /// From the product of each row with the solution; returns the square norm.
-    pub fn from_rows(self, product: impl Fn(usize) -> [f64; 3] + Sync) -> f64 {
+    pub fn of_rows(self, product: impl Fn(usize) -> [f64; 3] + Sync) -> f64 {
         let Self { free, rhs, scale, out, squares } = self;
         let sums = squares.of(out.len().div_ceil(par::CHUNK));
         out.par_chunks_mut(par::CHUNK).zip(sums).enumerate().for_each(|(c, (out, sum))| {
@@ -52,7 +52,7 @@ impl<B: Scalar, A: Scalar, const N: usize> Target<'_, B, A, N> {
     }
 
     /// From the entries of the whole system; returns the square norm.
-    pub fn from_entries<R: Scalar, X: Scalar, const M: usize>(
+    pub fn of_entries<R: Scalar, X: Scalar, const M: usize>(
         self,
         matrix: &BlockCsr<R>,
         identity: &[bool],
@@ -69,7 +69,7 @@ impl<B: Scalar, A: Scalar, const N: usize> Target<'_, B, A, N> {
     }
 
     /// From the matrix of the free rows, which has the caller's numbers; returns the square norm.
-    pub fn from_own<M: Scalar>(self, matrix: &Sliced<M>, x: &[[f64; 4]]) -> f64 {
+    pub fn of_own<M: Scalar>(self, matrix: &Sliced<M>, x: &[[f64; 4]]) -> f64 {
         let Self { free, rhs, scale, out, squares } = self;
         let sums = squares.of(matrix.chunk_count());
         let start = |c: usize| matrix.chunk_rows(c).start;

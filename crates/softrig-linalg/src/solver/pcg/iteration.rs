@@ -262,12 +262,12 @@ impl<R: Scalar> Iteration<R> {
         if let Some(cubes) = &mut self.cubes {
             cubes.exact.product(self.candidate.padded(), cubes.y.get_mut());
             let y = cubes.y.get();
-            return target.from_rows(|row| [y[row][0], y[row][1], y[row][2]]);
+            return target.of_rows(|row| [y[row][0], y[row][1], y[row][2]]);
         }
         // what was copied without rounding is the caller's matrix
         match (finest, &self.values) {
-            (Some(matrix), _) if B::EPSILON.to_f64() == f64::from(f32::EPSILON) => return target.from_own(matrix, x),
-            (None, Some(matrix)) if B::EPSILON.to_f64() == R::EPSILON.to_f64() => return target.from_own(matrix, x),
+            (Some(matrix), _) if B::EPSILON.to_f64() == f64::from(f32::EPSILON) => return target.of_own(matrix, x),
+            (None, Some(matrix)) if B::EPSILON.to_f64() == R::EPSILON.to_f64() => return target.of_own(matrix, x),
             _ => {}
         }
         let Whole { x: whole, y } = &mut *asked.memory;
@@ -276,9 +276,9 @@ impl<R: Scalar> Iteration<R> {
         free.scatter(x, whole);
         if asked.system.product(whole, y) {
             return target
-                .from_rows(|row| if identity[row] { [x[row][0], x[row][1], x[row][2]] } else { free.of_row(y, row) });
+                .of_rows(|row| if identity[row] { [x[row][0], x[row][1], x[row][2]] } else { free.of_row(y, row) });
         }
-        target.from_entries(asked.system.assembled(), identity, x)
+        target.of_entries(asked.system.assembled(), identity, x)
     }
 }
 
@@ -315,7 +315,7 @@ impl<R: Scalar> Iteration<R> {
     pub(super) fn begin<B: Scalar>(&mut self, rhs: &[[B; 3]], scale: f64) -> f64 {
         self.candidate.get_mut().fill([0.0; 4]);
         Target { free: &self.pattern, rhs, scale, out: self.r.get_mut(), squares: &mut self.squares }
-            .from_rows(|_| [0.0; 3])
+            .of_rows(|_| [0.0; 3])
     }
 
     fn improve<B: Scalar>(
