@@ -192,8 +192,12 @@ impl<R: Scalar> Body<R> {
 
     /// What a displacement and a velocity add to the internal force; a velocity adds nothing, at no cost, where nothing is damped.
     pub(crate) fn increment<'a>(&self, displacement: Option<&'a [[R; 3]]>, velocity: &'a [[R; 3]]) -> Increment<'a, R> {
-        let damped = self.model.is_damped() || self.stiffness_damping != R::zero();
-        Increment { displacement, velocity: damped.then_some(velocity), damping: self.stiffness_damping }
+        Increment { displacement, velocity: self.is_damped().then_some(velocity), damping: self.stiffness_damping }
+    }
+
+    /// Does any cell have a damping proportional to its stiffness?
+    pub(crate) fn is_damped(&self) -> bool {
+        self.model.is_damped() || self.stiffness_damping != R::zero()
     }
 
     /// Kinetic energy of lumped masses [J].

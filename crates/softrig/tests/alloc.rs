@@ -8,7 +8,7 @@ use softrig::couple::{BindSettings, Binding};
 use softrig::force::ElasticModel;
 use softrig::integrate::{Scheme, State, StepInput, StepOutput, implicit};
 use softrig::material::{Material, MaterialMap};
-use softrig::mesh::{CellKind, LatticeOptions, Resolution, VolumeMesh, bar, tetrahedralize, voxelize};
+use softrig::mesh::{CellKind, LatticeOptions, Resolution, VolumeMesh, bar, renumbered, tetrahedralize, voxelize};
 use softrig::rig::{JointSetup, RootKind, automatic};
 use softrig::simulation::{ClipMotion, Coupling, Simulation, SimulationSettings, SolverKind, TwoWay, TwoWayScheme};
 use softrig_linalg::{DofConstraints, Scalar};
@@ -28,7 +28,7 @@ static HELD: AtomicUsize = AtomicUsize::new(0);
 static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
 /// Most bytes of a body with its solver, in f64 and in f32: what it holds today and a little more, so that it does not grow unseen. Where they are is in
 /// `docs/performance.md`.
-const MOST_PER_NODE: [usize; 2] = [4850, 3700];
+const MOST_PER_NODE: [usize; 2] = [2500, 2450];
 
 fn note(size: usize) {
     COUNT.fetch_add(1, Relaxed);
@@ -190,7 +190,8 @@ fn no_step_after_the_first_frames_allocates() {
 #[allow(clippy::print_stdout, reason = "a measurement")]
 fn held_per_node<R: Scalar>() -> usize {
     let start = HELD.load(Relaxed);
-    let mesh = bar([44, 11, 23], [0.4, 0.1, 0.2], CellKind::Tet4);
+    // in the order of nodes and cells that benches use
+    let (mesh, _) = renumbered(&bar([44, 11, 23], [0.4, 0.1, 0.2], CellKind::Tet4));
     let (nodes, tets) = (mesh.node_count(), mesh.tets.len());
     assert!(tets >= 65_000, "{tets}");
     let held = DofConstraints::from_mask(mesh.nodes.iter().map(|x| x[0] == 0.0).collect());

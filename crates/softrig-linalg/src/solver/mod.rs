@@ -103,8 +103,8 @@ pub trait LinearSystem<R: Scalar> {
         self.assembled()
     }
 
-    /// Writes `A x` for all nodes to `y`, where that can be done without the entries; otherwise returns false.
-    fn product(&mut self, _x: &[[R; 3]], _y: &mut [[R; 3]]) -> bool {
+    /// Replaces x, one entry per node, by `A x`, where that can be done without the entries; otherwise returns false.
+    fn product(&mut self, _x: &mut [[R; 3]]) -> bool {
         false
     }
 

@@ -40,9 +40,10 @@ impl<R: Scalar> LinearSystem<R> for Streamed<'_, R> {
         self
     }
 
-    fn product(&mut self, x: &[[R; 3]], y: &mut [[R; 3]]) -> bool {
+    fn product(&mut self, y: &mut [[R; 3]]) -> bool {
         let Some(free) = &self.free else { return false };
         self.products += 1;
+        let x = y.to_vec();
         for (i, y) in y.iter_mut().enumerate() {
             *y = [R::zero(); 3];
             for k in self.matrix.pattern.row(i) {

@@ -34,10 +34,14 @@ impl<R: Scalar> Increment<'_, R> {
     }
 }
 
-/// Sums the parts of the nodes into their forces, overwriting `force`.
+/// What is added to the product with a stiffness: this number of each node times what is multiplied there.
+pub type Diagonal<'a, R> = &'a (dyn Fn(usize) -> R + Sync);
+
+/// Sums the parts of the nodes into their forces, overwriting `force`, with a diagonal times what is there before where one is given.
 pub(super) fn gather_forces<R: Scalar>(
     tets: (&Scatter<4>, &[[R; 4]]),
     hexes: (&Scatter<8>, &[[R; 4]]),
+    diagonal: Option<Diagonal<'_, R>>,
     force: &mut [[R; 3]],
 ) {
     force.par_chunks_mut(1024).enumerate().for_each(|(chunk, out)| {
@@ -50,7 +54,11 @@ pub(super) fn gather_forces<R: Scalar>(
             for part in hexes.0.parts(node) {
                 sum += Wide(hexes.1[*part as usize]);
             }
+            let before = *f;
             *f = [sum.0[0], sum.0[1], sum.0[2]];
+            if let Some(d) = diagonal.map(|d| d(node)) {
+                (0..3).for_each(|c| f[c] += d * before[c]);
+            }
         }
     });
 }

@@ -5,7 +5,7 @@
 //! identity the same code is linear elasticity.
 
 use super::ForceModel;
-use super::assembly::{Increment, Rows, gather_forces};
+use super::assembly::{Diagonal, Increment, Rows, gather_forces};
 use super::hex::{self, HexBlock, HexConstants, HexLoad, HexShape};
 use super::incidence::{Incidence, Strips};
 use super::load::{Internal, Product};
@@ -41,7 +41,6 @@ pub struct Corotated<R> {
     hex_q: Vec<[[R; BLOCK]; 4]>,
     shapes: Vec<HexShape<R>>,
     // forces and energies of chunks of cells, on their way to the nodes
-    tet_scatter: Scatter<4>,
     tet_parts: Vec<[R; 4]>,
     hex_scatter: Scatter<8>,
     hex_parts: Vec<[R; 4]>,
@@ -100,21 +99,21 @@ impl<R: Scalar> Corotated<R> {
         let nodes = mesh.node_count();
         let (tet_scatter, hex_scatter) = (Scatter::new(nodes, &tet_nodes), Scatter::new(nodes, &mesh.hexes));
         let parts = |count: usize| vec![[R::zero(); 4]; count];
+        let tet_parts = parts(tet_scatter.part_count());
         if tet_order.is_sorted() {
             tet_order = Vec::new();
         }
         let mut model = Self {
             rotations,
             damped: tets.iter().any(|t| t.damping != 0.0) || hexes.iter().any(|h| h.damping != 0.0),
-            tets: Tets::new(&tets),
             tet_q: vec![identity; tets.len().div_ceil(BLOCK)],
             ratio: ratio(&tets),
+            tets: Tets::new(&tets, tet_scatter, &mesh.nodes),
             hexes: hexes.chunks(BLOCK).map(HexBlock::new).collect(),
             hex_q: vec![identity; hexes.len().div_ceil(BLOCK)],
             cubes: cube_pattern(mesh, &shapes),
             shapes,
-            tet_parts: parts(tet_scatter.part_count()),
-            tet_scatter,
+            tet_parts,
             hex_parts: parts(hex_scatter.part_count()),
             hex_scatter,
             strips: Strips::new(&Incidence::new(nodes, &tet_nodes, &pattern)),
@@ -157,18 +156,24 @@ impl<R: Scalar> Corotated<R> {
         self.tet_order.get(tet).map_or(tet, |cell| *cell as usize)
     }
 
-    /// Writes the forces that are asked for, and leaves what they are sums of in the parts.
-    fn forces(&mut self, load: impl TetLoad<R> + HexLoad<R>, force: &mut [[R; 3]]) {
-        let Self { tets, tet_q, tet_parts, tet_scatter, hexes, hex_q, hex_parts, hex_scatter, shapes, .. } = self;
-        tet_scatter.for_chunks(tet_parts, |chunk, local, parts| {
-            let (q, nodes) = (par::chunk(tet_q, chunk, TASK), tet_scatter.nodes(chunk));
+    /// Makes the parts that the forces that are asked for are sums of.
+    fn fill_parts(&mut self, load: impl TetLoad<R> + HexLoad<R>) {
+        let Self { tets, tet_q, tet_parts, hexes, hex_q, hex_parts, hex_scatter, shapes, .. } = self;
+        let tets = &*tets;
+        tets.scatter.for_chunks(tet_parts, |chunk, local, parts| {
+            let (q, nodes) = (par::chunk(tet_q, chunk, TASK), tets.scatter.nodes(chunk));
             run_wide::<R, _>(tet::Forces { tets, chunk, q, load, nodes, local, parts });
         });
         hex_scatter.for_chunks(hex_parts, |c, local, parts| {
             let (blocks, q, nodes) = (par::chunk(hexes, c, TASK), par::chunk(hex_q, c, TASK), hex_scatter.nodes(c));
             run_wide::<R, _>(hex::Forces { blocks, shapes, q, load, nodes, local, parts });
         });
-        gather_forces((tet_scatter, tet_parts), (hex_scatter, hex_parts), force);
+    }
+
+    /// Sums the parts up at the nodes.
+    fn gather_parts(&self, diagonal: Option<Diagonal<'_, R>>, force: &mut [[R; 3]]) {
+        let Self { tets, tet_parts, hex_scatter, hex_parts, .. } = self;
+        gather_forces((&tets.scatter, tet_parts), (hex_scatter, hex_parts), diagonal, force);
     }
 }
 
@@ -213,9 +218,9 @@ impl<R: Scalar> ForceModel<R> for Corotated<R> {
         if self.rotations == Rotations::Fixed {
             return;
         }
-        let Self { tets, hexes, shapes, tet_scatter, hex_scatter, .. } = self;
+        let Self { tets, hexes, shapes, hex_scatter, .. } = self;
         self.tet_q.par_chunks_mut(TASK).enumerate().for_each(|(chunk, q)| {
-            let (nodes, local) = (tet_scatter.nodes(chunk), tet_scatter.local(chunk));
+            let (nodes, local) = (tets.scatter.nodes(chunk), tets.scatter.local(chunk));
             run_wide::<R, _>(tet::Rotate { tets, chunk, nodes, local, position, q });
         });
         let hexes = hexes.par_chunks(TASK).zip(self.hex_q.par_chunks_mut(TASK)).enumerate();
@@ -226,13 +231,15 @@ impl<R: Scalar> ForceModel<R> for Corotated<R> {
     }
 
     fn force(&mut self, position: &[[R; 3]], increment: Increment<'_, R>, force: &mut [[R; 3]]) -> f64 {
-        self.forces(Internal { position, increment, rotate: self.rotations == Rotations::Follow }, force);
+        self.fill_parts(Internal { position, increment, rotate: self.rotations == Rotations::Follow });
+        self.gather_parts(None, force);
         let energy = |parts: &[[R; 4]]| par::sum(parts.len(), |range| parts[range].iter().map(|p| p[3].to_f64()).sum());
         energy(&self.tet_parts) + energy(&self.hex_parts)
     }
 
-    fn product(&mut self, rate: R, damping: R, x: &[[R; 3]], y: &mut [[R; 3]]) -> bool {
-        self.forces(Product { x, rate, damping }, y);
+    fn product(&mut self, rate: R, damping: R, diagonal: Diagonal<'_, R>, x: &mut [[R; 3]]) -> bool {
+        self.fill_parts(Product { x: &*x, rate, damping });
+        self.gather_parts(Some(diagonal), x);
         true
     }
 
@@ -299,7 +306,7 @@ impl<R: Scalar> ForceModel<R> for Corotated<R> {
     fn write_history(&self, out: &mut Vec<[R; 4]>) {
         let lane = |blocks: &[[[R; BLOCK]; 4]], i: usize| blocks[i / BLOCK].map(|c| c[i % BLOCK]);
         out.clear();
-        out.resize(self.tet_scatter.cell_count(), [R::zero(); 4]);
+        out.resize(self.tets.scatter.cell_count(), [R::zero(); 4]);
         for i in 0..out.len() {
             out[self.cell(i)] = lane(&self.tet_q, i);
         }
@@ -307,7 +314,7 @@ impl<R: Scalar> ForceModel<R> for Corotated<R> {
     }
 
     fn restore(&mut self, history: &[[R; 4]]) {
-        let (t, h) = (self.tet_scatter.cell_count(), self.hex_scatter.cell_count());
+        let (t, h) = (self.tets.scatter.cell_count(), self.hex_scatter.cell_count());
         let cold = [R::zero(), R::zero(), R::zero(), R::one()];
         let cell = |i: usize| self.tet_order.get(i).map_or(i, |cell| *cell as usize);
         let at = |i: usize| if history.len() == t + h { history[cell(i)] } else { cold };

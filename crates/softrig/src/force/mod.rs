@@ -10,8 +10,8 @@ mod stress;
 mod stvk;
 mod tet;
 
-pub use assembly::Increment;
 pub(crate) use assembly::LONGEST_ROW;
+pub use assembly::{Diagonal, Increment};
 pub(crate) use corotated::corotated;
 pub use corotated::{Corotated, Rotations};
 pub use hex::{QuadraturePoint, hex_points, hex_stiffness};
@@ -56,9 +56,9 @@ pub trait ForceModel<R: Scalar>: Send + Sync {
     /// (overwriting it) [N/m]. `rate` [1/s] is what a unit of displacement changes the velocity by; 0 gives K.
     fn stiffness(&mut self, rate: R, damping: R, matrix: &mut BlockCsr<R>);
 
-    /// Writes what the matrix of [`Self::stiffness`] times `x` would be into `y` (overwriting it), cell by cell and without the matrix.
-    /// `x` and `y` have one vector per node. Returns false, with `y` as it was, where the model cannot.
-    fn product(&mut self, _rate: R, _damping: R, _x: &[[R; 3]], _y: &mut [[R; 3]]) -> bool {
+    /// Replaces x by the product with what [`Self::stiffness`] would write and a diagonal on top of it, one number per node, without the
+    /// matrix, at the last linearisation point. Returns false, and does nothing, where a model cannot.
+    fn product(&mut self, _rate: R, _damping: R, _diagonal: Diagonal<'_, R>, _x: &mut [[R; 3]]) -> bool {
         false
     }
 

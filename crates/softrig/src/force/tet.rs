@@ -9,7 +9,7 @@ use super::assembly::Increment;
 use super::incidence::GROUP;
 use super::load::{Internal, Load, Near, Product, Vectors, corner, gather};
 use super::polar::{polar, rotation, symmetric};
-use softrig_linalg::{CELLS, Kernel, Lane, Mat3, Scalar, Vec3, Wide, add_four};
+use softrig_linalg::{CELLS, Kernel, Lane, Mat3, Scalar, Scatter, Vec3, Wide, add_four};
 
 /// Cells of a block lie side by side in memory: a multiple of every lane count.
 pub(super) const BLOCK: usize = 16;
@@ -21,9 +21,20 @@ const PARTS: usize = 4 * CELLS;
 /// Constants of tetrahedra, block by block. The last block repeats its last cell.
 #[derive(Clone, Debug)]
 pub(super) struct Tets<R> {
-    /// Rows of the inverse edge matrix: the gradients of nodes 1, 2, 3 [1/m].
-    gradient: Vec<[[[R; BLOCK]; 3]; 3]>,
+    /// Their nodes, and where forces at these add up.
+    pub scatter: Scatter<4>,
+    gradients: Gradients<R>,
     moduli: Moduli<R>,
+}
+
+/// Rows of the inverse edge matrices: the gradients of nodes 1, 2, 3 [1/m].
+#[derive(Clone, Debug)]
+enum Gradients<R> {
+    /// Those of f32, made in f64: slivers need its digits for the inverse.
+    Stored(Vec<[[[R; BLOCK]; 3]; 3]>),
+    /// The rest shape [m], one entry per node, of which f64 makes the same numbers whenever they are read: they are a third of all
+    /// that a body would hold.
+    Made(Vec<[R; 3]>),
 }
 
 /// Lamé constants and stiffness damping.
@@ -54,7 +65,8 @@ pub fn tet_gradients(X: [[f64; 3]; 4]) -> ([[f64; 3]; 3], f64) {
 }
 
 impl<R: Scalar> Tets<R> {
-    pub(super) fn new(cells: &[TetConstants]) -> Self {
+    /// `cells` in the order of the scatter's; `rest` has the rest shape [m].
+    pub(super) fn new(cells: &[TetConstants], scatter: Scatter<4>, rest: &[[f64; 3]]) -> Self {
         let blocks = || cells.chunks(BLOCK);
         let fill = |cells: &[TetConstants], f: &dyn Fn(&TetConstants) -> f64| {
             std::array::from_fn(|l| R::from_f64(f(&cells[l.min(cells.len() - 1)])))
@@ -72,18 +84,39 @@ impl<R: Scalar> Tets<R> {
             }
             _ => Moduli::Each(blocks().map(each).collect()),
         };
-        Self { gradient: blocks().map(gradient).collect(), moduli }
+        let gradients = if R::EPSILON.to_f64() > f64::EPSILON {
+            Gradients::Stored(blocks().map(gradient).collect())
+        } else {
+            Gradients::Made(rest.iter().map(|x| x.map(R::from_f64)).collect())
+        };
+        Self { scatter, gradients, moduli }
     }
 
     /// Gradients of nodes 1, 2, 3 of `W` cells.
     #[inline(always)]
     fn gradients<const W: usize>(&self, block: usize, first: usize) -> [Vec3<Wide<R, W>>; 3] {
-        let b = &self.gradient[block];
-        [
-            Vec3([load(&b[0][0], first), load(&b[0][1], first), load(&b[0][2], first)]),
-            Vec3([load(&b[1][0], first), load(&b[1][1], first), load(&b[1][2], first)]),
-            Vec3([load(&b[2][0], first), load(&b[2][1], first), load(&b[2][2], first)]),
-        ]
+        let rest = match &self.gradients {
+            Gradients::Stored(blocks) => {
+                let [g, h, k] = &blocks[block];
+                return [
+                    Vec3([load(&g[0], first), load(&g[1], first), load(&g[2], first)]),
+                    Vec3([load(&h[0], first), load(&h[1], first), load(&h[2], first)]),
+                    Vec3([load(&k[0], first), load(&k[1], first), load(&k[2], first)]),
+                ];
+            }
+            Gradients::Made(rest) => rest,
+        };
+        let chunk = block / TASK;
+        let (nodes, local, first) =
+            (self.scatter.nodes(chunk), self.scatter.local(chunk), block % TASK * BLOCK + first);
+        let X = [
+            rest_corner::<R, W>(rest, nodes, local, first, 0),
+            rest_corner::<R, W>(rest, nodes, local, first, 1),
+            rest_corner::<R, W>(rest, nodes, local, first, 2),
+            rest_corner::<R, W>(rest, nodes, local, first, 3),
+        ];
+        let inverse = Mat3::from_columns(X[1] - X[0], X[2] - X[0], X[3] - X[0]).inverse();
+        [inverse.row(0), inverse.row(1), inverse.row(2)]
     }
 
     /// V lam, V mu and b of `W` cells.
@@ -119,6 +152,26 @@ pub(super) fn store<R: Scalar, const W: usize>(block: &mut [R; BLOCK], first: us
 #[inline(always)]
 pub(super) fn load_q<R: Scalar, const W: usize>(q: &[[R; BLOCK]; 4], first: usize) -> [Wide<R, W>; 4] {
     [load(&q[0], first), load(&q[1], first), load(&q[2], first), load(&q[3], first)]
+}
+
+/// Corner `a` of `W` cells of a chunk in the rest shape; behind the last cell comes the last one again.
+#[inline(always)]
+fn rest_corner<R: Scalar, const W: usize>(
+    rest: &[[R; 3]],
+    nodes: &[u32],
+    local: &[[u16; 4]],
+    first: usize,
+    a: usize,
+) -> Vec3<Wide<R, W>> {
+    let mut out = Vec3([Wide([R::zero(); W]); 3]);
+    for i in 0..W {
+        let cell = local[(first + i).min(local.len() - 1)];
+        let x = rest[nodes[cell[a] as usize] as usize];
+        for c in 0..3 {
+            out.0[c].0[i] = x[c];
+        }
+    }
+    out
 }
 
 /// Vectors of the four corners of `W` cells.

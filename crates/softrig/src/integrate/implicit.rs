@@ -74,9 +74,8 @@ pub struct Implicit<R> {
     prepared: Option<Prepared>,
     d: Vec<[R; 3]>,
     x: Vec<[R; 3]>,
+    /// v', where flesh is damped.
     v: Vec<[R; 3]>,
-    a: Vec<[R; 3]>,
-    force: Vec<[R; 3]>,
     /// M a', where the mass is not lumped.
     inertia: Vec<[R; 3]>,
     rhs: Vec<[R; 3]>,
@@ -119,8 +118,6 @@ impl<R: Scalar> Implicit<R> {
             d: Vec::new(),
             x: Vec::new(),
             v: Vec::new(),
-            a: Vec::new(),
-            force: Vec::new(),
             inertia: Vec::new(),
             rhs: Vec::new(),
             correction: Vec::new(),
@@ -130,8 +127,7 @@ impl<R: Scalar> Implicit<R> {
 
     fn prepare(&mut self, body: &Body<R>, solver: &mut dyn LinearSolver<R>, time: f64) -> Result<(), StepError> {
         let n = body.mass.len();
-        let scratch = [&mut self.d, &mut self.x, &mut self.v, &mut self.a, &mut self.force];
-        for v in scratch.into_iter().chain([&mut self.rhs, &mut self.correction]) {
+        for v in [&mut self.d, &mut self.x, &mut self.rhs, &mut self.correction] {
             v.resize(n, [R::zero(); 3]);
         }
         if !self.matrix.as_ref().is_some_and(|m| Arc::ptr_eq(&m.pattern, &body.pattern)) {
@@ -158,42 +154,68 @@ impl<R: Scalar> Implicit<R> {
         Ok(())
     }
 
-    /// Velocity and acceleration at the end of the step from d.
-    fn kinematics(&mut self, body: &Body<R>, c: &Constants, input: &StepInput<'_, R>, state: &State<R>) {
-        let [vd, vv, va, ad, av, aa] = [c.vd, c.vv, c.va, c.ad, c.av, c.aa].map(R::from_f64);
-        for i in 0..self.d.len() {
-            if body.constraints.is_constrained(i) {
-                self.v[i] = if held(body, i) { [R::zero(); 3] } else { input.target_velocity[i] };
-                self.a[i] = [R::zero(); 3];
-                continue;
-            }
-            let (d, v, a) = (self.d[i], state.velocity[i], state.acceleration[i]);
-            for k in 0..3 {
-                self.v[i][k] = vd * d[k] + vv * v[k] + va * a[k];
-                self.a[i][k] = ad * d[k] + av * v[k] + aa * a[k];
-            }
+    /// Velocity and acceleration of a node at the end of the step, from its d.
+    #[inline]
+    fn motion(
+        &self,
+        body: &Body<R>,
+        c: &Constants,
+        input: &StepInput<'_, R>,
+        state: &State<R>,
+        i: usize,
+    ) -> [[R; 3]; 2] {
+        let zero = [R::zero(); 3];
+        if body.constraints.is_constrained(i) {
+            return [if held(body, i) { zero } else { input.target_velocity[i] }, zero];
         }
+        let [vd, vv, va, ad, av, aa] = [c.vd, c.vv, c.va, c.ad, c.av, c.aa].map(R::from_f64);
+        let (d, v, a) = (self.d[i], state.velocity[i], state.acceleration[i]);
+        [
+            std::array::from_fn(|k| vd * d[k] + vv * v[k] + va * a[k]),
+            std::array::from_fn(|k| ad * d[k] + av * v[k] + aa * a[k]),
+        ]
     }
 
-    /// r = f_ext − f − M a' − a M v' on free nodes, zero on the others; `self.force` holds f = f_int + K d + b K v'.
-    /// Returns |r|.
-    fn residual(&mut self, body: &Body<R>, input: &StepInput<'_, R>) -> f64 {
+    /// Writes f = f_int + K d + b K v' to the right-hand side, with d where `moved` says so. Returns the elastic energy.
+    fn forces(
+        &mut self,
+        body: &mut Body<R>,
+        c: &Constants,
+        input: &StepInput<'_, R>,
+        state: &State<R>,
+        moved: bool,
+    ) -> f64 {
+        self.v.clear();
+        if body.is_damped() {
+            let mut v = std::mem::take(&mut self.v);
+            v.extend((0..self.d.len()).map(|i| self.motion(body, c, input, state, i)[0]));
+            self.v = v;
+        }
+        let increment = body.increment(moved.then_some(&self.d[..]), &self.v);
+        body.model.force(&self.x, increment, &mut self.rhs)
+    }
+
+    /// Makes r = f_ext − f − M a' − a M v' of the f in the right-hand side on free nodes, zero on the others. Returns |r|.
+    fn residual(&mut self, body: &Body<R>, c: &Constants, input: &StepInput<'_, R>, state: &State<R>) -> f64 {
         if let Some(m) = &body.consistent_mass {
-            self.inertia.resize(self.a.len(), [R::zero(); 3]);
-            multiply(m, &self.a, &mut self.inertia);
+            let a: Vec<[R; 3]> = (0..self.d.len()).map(|i| self.motion(body, c, input, state, i)[1]).collect();
+            self.inertia.resize(a.len(), [R::zero(); 3]);
+            multiply(m, &a, &mut self.inertia);
         }
         let mut square = 0.0;
         for i in 0..self.rhs.len() {
-            self.rhs[i] = [R::zero(); 3];
-            if !body.constraints.is_constrained(i) {
-                let drag = body.drag[i] + body.mass_damping * body.mass[i];
-                let consistent = body.consistent_mass.is_some();
-                let inertia = if consistent { self.inertia[i] } else { self.a[i].map(|a| a * body.mass[i]) };
-                for k in 0..3 {
-                    let r = input.external_force[i][k] - self.force[i][k] - inertia[k] - drag * self.v[i][k];
-                    self.rhs[i][k] = r;
-                    square += r.to_f64() * r.to_f64();
-                }
+            if body.constraints.is_constrained(i) {
+                self.rhs[i] = [R::zero(); 3];
+                continue;
+            }
+            let drag = body.drag[i] + body.mass_damping * body.mass[i];
+            let [v, a] = self.motion(body, c, input, state, i);
+            let consistent = body.consistent_mass.is_some();
+            let inertia = if consistent { self.inertia[i] } else { a.map(|a| a * body.mass[i]) };
+            for k in 0..3 {
+                let r = input.external_force[i][k] - self.rhs[i][k] - inertia[k] - drag * v[k];
+                self.rhs[i][k] = r;
+                square += r.to_f64() * r.to_f64();
             }
         }
         square.sqrt()
@@ -223,13 +245,11 @@ impl<R: Scalar> Implicit<R> {
         (output.iterations, output.residual, output.converged) = (0, 0.0, true);
         let mut first = 0.0;
         for linearisation in 0..self.linearisations.max(1) {
-            self.kinematics(body, &c, input, state);
             body.model.linearise(&self.x);
-            // f_int + K d + b K v'; d counts only while x does not contain it, and then only prescribed and linked nodes have one
+            // d counts only while x does not contain it, and then only prescribed and linked nodes have one
             let moved = linearisation == 0 && self.d.iter().flatten().any(|d| *d != R::zero());
-            let increment = body.increment(moved.then_some(&self.d[..]), &self.v);
-            output.elastic_energy = body.model.force(&self.x, increment, &mut self.force);
-            let mut norm = self.residual(body, input);
+            output.elastic_energy = self.forces(body, &c, input, state, moved);
+            let mut norm = self.residual(body, &c, input, state);
             if linearisation == 0 {
                 first = norm;
                 // costs as much as an iteration: pays where later linearisations make the digits of the first ones cheap
@@ -272,15 +292,16 @@ impl<R: Scalar> Implicit<R> {
                 self.x[i] = input.target_position[i];
             }
         }
-        self.kinematics(body, &c, input, state);
         finite("position", time, &self.x)?;
-        finite("velocity", time, &self.v)?;
-        output.kinetic_energy = body.kinetic_energy(&self.v);
+        let velocity = |i: usize| self.motion(body, &c, input, state, i)[0];
+        if let Some(node) = (0..n).find(|i| !velocity(*i).iter().all(|v| v.is_finite())) {
+            return Err(StepError::NotFinite { time, what: "velocity", node });
+        }
         if input.reactions {
             output.reaction.clear();
             body.model.linearise(&self.x);
-            output.elastic_energy = body.model.force(&self.x, Increment::none(), &mut self.force);
-            let on = |i: usize| if body.constraints.is_constrained(i) { self.force[i] } else { [R::zero(); 3] };
+            output.elastic_energy = body.model.force(&self.x, Increment::none(), &mut self.rhs);
+            let on = |i: usize| if body.constraints.is_constrained(i) { self.rhs[i] } else { [R::zero(); 3] };
             output.reaction.extend((0..n).map(on));
         }
         Ok(())
@@ -311,10 +332,13 @@ impl<R: Scalar> Integrator<R> for Implicit<R> {
             body.model.roll_back();
             return Err(e);
         }
+        let c = self.scheme.constants(input.dt);
+        for i in 0..self.d.len() {
+            [state.velocity[i], state.acceleration[i]] = self.motion(body, &c, input, state, i);
+        }
         std::mem::swap(&mut state.position, &mut self.x);
-        std::mem::swap(&mut state.velocity, &mut self.v);
-        std::mem::swap(&mut state.acceleration, &mut self.a);
         state.time += input.dt;
+        output.kinetic_energy = body.kinetic_energy(&state.velocity);
         Ok(())
     }
 }

@@ -1,7 +1,6 @@
 //! The linear system of a step, assembled only for solvers that read its entries.
 
 use crate::body::Body;
-use rayon::prelude::*;
 use softrig_linalg::{BlockCsr, BlockPattern, CubeMatrix, LinearSystem, Rows, Scalar, par};
 use std::sync::Arc;
 
@@ -74,17 +73,11 @@ impl<R: Scalar> LinearSystem<R> for StepSystem<'_, R> {
         if possible && !self.assembled { self } else { self.assembled() }
     }
 
-    fn product(&mut self, x: &[[R; 3]], y: &mut [[R; 3]]) -> bool {
-        let Self { body, factors, .. } = self;
-        if body.consistent_mass.is_some() || !body.model.product(factors.0, body.stiffness_damping, x, y) {
-            return false;
-        }
-        let diagonal = diagonal(body, *factors);
-        y.par_iter_mut().zip(x).enumerate().with_min_len(ROWS).for_each(|(i, (y, x))| {
-            let d = diagonal(i);
-            (0..3).for_each(|k| y[k] += d * x[k]);
-        });
-        true
+    fn product(&mut self, x: &mut [[R; 3]]) -> bool {
+        let Body { model, mass, drag, mass_damping, stiffness_damping, consistent_mass, .. } = &mut *self.body;
+        let (vd, ad) = self.factors;
+        let diagonal = |i: usize| vd * (drag[i] + *mass_damping * mass[i]) + ad * mass[i];
+        consistent_mass.is_none() && model.product(vd, *stiffness_damping, &diagonal, x)
     }
 
     fn cubes(&mut self) -> Option<&CubeMatrix<R>> {

@@ -1,6 +1,6 @@
 //! Where the time of a step goes: a force model and a solver that pass everything on and look at the clock.
 
-use softrig::force::{ForceModel, Increment};
+use softrig::force::{Diagonal, ForceModel, Increment};
 use softrig_linalg::{
     BlockCsr, BlockPattern, CubeMatrix, CubePattern, DofConstraints, LinearSolver, LinearSystem, Scalar, SolveError,
     SolveReport, Traffic,
@@ -87,8 +87,8 @@ impl<R: Scalar> ForceModel<R> for TimedModel<R> {
         timed(&self.clocks.assembly, || self.inner.stiffness(rate, damping, matrix));
     }
 
-    fn product(&mut self, rate: R, damping: R, x: &[[R; 3]], y: &mut [[R; 3]]) -> bool {
-        self.inner.product(rate, damping, x, y)
+    fn product(&mut self, rate: R, damping: R, diagonal: Diagonal<'_, R>, x: &mut [[R; 3]]) -> bool {
+        self.inner.product(rate, damping, diagonal, x)
     }
 
     fn row_parts(&self) -> usize {

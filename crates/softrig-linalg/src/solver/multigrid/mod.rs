@@ -24,7 +24,7 @@ pub use settings::{Marking, MultigridSettings, Outer, Rebuild, Smoother};
 pub(super) use cycle::Cycle;
 
 use super::free::FreePattern;
-use super::pcg::{Asked, ITERATION_LIMIT, Iteration, Whole};
+use super::pcg::{Asked, ITERATION_LIMIT, Iteration};
 use super::{BELOW_SINGLE, LinearSolver, LinearSystem, Preconditioner, SolveError, SolveReport, Stored, Traffic};
 use crate::{BlockCsr, BlockPattern, DofConstraints, Scalar, either};
 use age::Age;
@@ -50,7 +50,7 @@ pub struct Multigrid<R> {
     exact: Option<Iteration<R>>,
     cycle: Option<Cycle>,
     age: Age,
-    memory: Whole<R>,
+    memory: Vec<[R; 3]>,
     /// Rotations of the cells at the last rebuild, and now.
     built: Vec<[R; 4]>,
     turned: Vec<[R; 4]>,
@@ -87,7 +87,7 @@ impl<R: Scalar> Multigrid<R> {
             exact: None,
             cycle: None,
             age: Age::default(),
-            memory: Whole::default(),
+            memory: Vec::new(),
             built: Vec::new(),
             turned: Vec::new(),
         }

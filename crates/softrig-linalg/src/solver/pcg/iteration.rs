@@ -9,7 +9,7 @@
 //! the solution, so that an iteration in f32 reaches the digits of f64.
 
 use super::kernel::{Direction, Inverse, Product, Update};
-use super::load::{Asked, CubeProducts, Whole};
+use super::load::{Asked, CubeProducts};
 use crate::solver::cubes;
 use crate::solver::free::FreePattern;
 use crate::solver::multigrid::Cycle;
@@ -270,11 +270,10 @@ impl<R: Scalar> Iteration<R> {
             (None, Some(matrix)) if B::EPSILON.to_f64() == R::EPSILON.to_f64() => return target.of_own(matrix, x),
             _ => {}
         }
-        let Whole { x: whole, y } = &mut *asked.memory;
-        whole.resize(rhs.len(), [B::zero(); 3]);
+        let y = &mut *asked.memory;
         y.resize(rhs.len(), [B::zero(); 3]);
-        free.scatter(x, whole);
-        if asked.system.product(whole, y) {
+        free.scatter(x, y);
+        if asked.system.product(y) {
             return target
                 .of_rows(|row| if identity[row] { [x[row][0], x[row][1], x[row][2]] } else { free.of_row(y, row) });
         }

@@ -19,14 +19,7 @@ pub(super) struct CubeProducts<R> {
 /// A system that is being solved, and memory for products with all of it, made when someone wants one.
 pub(in crate::solver) struct Asked<'a, B: Scalar> {
     pub system: &'a mut dyn LinearSystem<B>,
-    pub memory: &'a mut Whole<B>,
-}
-
-/// A vector of all nodes of a system, and its product.
-#[derive(Debug, Default)]
-pub(in crate::solver) struct Whole<B> {
-    pub x: Vec<[B; 3]>,
-    pub y: Vec<[B; 3]>,
+    pub memory: &'a mut Vec<[B; 3]>,
 }
 
 impl<R: Scalar> Iteration<R> {

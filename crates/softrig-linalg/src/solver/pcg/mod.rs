@@ -6,7 +6,7 @@ pub(super) mod kernel;
 mod load;
 
 pub(super) use iteration::Iteration;
-pub(super) use load::{Asked, Whole};
+pub(super) use load::Asked;
 
 use super::free::FreePattern;
 use super::{BELOW_SINGLE, LinearSolver, LinearSystem, SolveError, SolveReport, Stored, Traffic};
@@ -26,7 +26,7 @@ pub struct Pcg<R> {
     single: Iteration<f32>,
     /// Made when a system comes that f32 is not enough for.
     exact: Option<Iteration<R>>,
-    memory: Whole<R>,
+    memory: Vec<[R; 3]>,
 }
 
 impl<R: Scalar> Default for Pcg<R> {
@@ -40,7 +40,7 @@ impl<R: Scalar> Pcg<R> {
     #[must_use]
     pub fn new() -> Self {
         let single = Iteration::new(ITERATION_LIMIT);
-        Self { iteration_limit: ITERATION_LIMIT, single, exact: None, memory: Whole::default() }
+        Self { iteration_limit: ITERATION_LIMIT, single, exact: None, memory: Vec::new() }
     }
 }
 

@@ -175,12 +175,13 @@ fn products_are_those_of_the_matrix() {
     model.linearise(&position);
     let x: Vec<[f64; 3]> = (0..mesh.node_count()).map(|i| std::array::from_fn(|k| wave(i, k, 0.7))).collect();
     let mut matrix = BlockCsr::zero(pattern.clone());
+    let diagonal = |i: usize| 40.0 * (i as f64).cos();
     for (rate, damping) in [(0.0, 0.0), (60.0, 0.01)] {
         model.stiffness(rate, damping, &mut matrix);
         let mut run = |threads| {
-            let mut y = vec![[7.0; 3]; x.len()];
+            let mut y = x.clone();
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            assert!(pool.install(|| model.product(rate, damping, &x, &mut y)));
+            assert!(pool.install(|| model.product(rate, damping, &diagonal, &mut y)));
             y
         };
         let y = run(1);
@@ -191,7 +192,7 @@ fn products_are_those_of_the_matrix() {
                 let of_block = |k: usize| {
                     (0..3).map(|j| matrix.values[k][3 * c + j] * x[pattern.column()[k] as usize][j]).sum::<f64>()
                 };
-                let expected: f64 = pattern.row(i).map(of_block).sum();
+                let expected = pattern.row(i).map(of_block).sum::<f64>() + diagonal(i) * x[i][c];
                 assert!((y[i][c] - expected).abs() < 1e-13 * largest, "rate {rate}, node {i}: {} {expected}", y[i][c]);
             }
         }

@@ -26,12 +26,10 @@ impl<R: Scalar> Implicit<R> {
         for i in (0..n).filter(|i| free(body, *i)) {
             self.d[i] = state.velocity[i].map(|v| h * v);
         }
-        self.kinematics(body, c, input, state);
-        let increment = body.increment(Some(&self.d), &self.v);
-        body.model.force(&self.x, increment, &mut self.force);
         // the memory of the correction, which is not there yet
         std::mem::swap(&mut self.rhs, &mut self.correction);
-        self.residual(body, input);
+        self.forces(body, c, input, state, true);
+        self.residual(body, c, input, state);
         let (still, moving) = (&self.correction, &mut self.rhs);
         let (mut along, mut square) = (0.0, 0.0);
         for (b, m) in still.iter().flatten().zip(moving.iter().flatten()) {
