@@ -37,9 +37,18 @@ impl<'a, R: Scalar> StepSystem<'a, R> {
 
 /// Damping by the mass of each node, and the mass where it is lumped.
 fn diagonal<R: Scalar>(body: &Body<R>, (vd, ad): (R, R)) -> impl Fn(usize) -> R + Sync {
-    let Body { mass, drag, mass_damping, consistent_mass, .. } = body;
-    let ad = if consistent_mass.is_none() { ad } else { R::zero() };
-    move |i| vd * (drag[i] + *mass_damping * mass[i]) + ad * mass[i]
+    let ad = if body.consistent_mass.is_none() { ad } else { R::zero() };
+    lumped(&body.mass, &body.drag, body.mass_damping, (vd, ad))
+}
+
+/// The same of lumped masses.
+fn lumped<'a, R: Scalar>(
+    mass: &'a [R],
+    drag: &'a [R],
+    mass_damping: R,
+    (vd, ad): (R, R),
+) -> impl Fn(usize) -> R + Sync + 'a {
+    move |i| vd * (drag[i] + mass_damping * mass[i]) + ad * mass[i]
 }
 
 impl<R: Scalar> LinearSystem<R> for StepSystem<'_, R> {
@@ -75,9 +84,8 @@ impl<R: Scalar> LinearSystem<R> for StepSystem<'_, R> {
 
     fn product(&mut self, x: &mut [[R; 3]]) -> bool {
         let Body { model, mass, drag, mass_damping, stiffness_damping, consistent_mass, .. } = &mut *self.body;
-        let (vd, ad) = self.factors;
-        let diagonal = |i: usize| vd * (drag[i] + *mass_damping * mass[i]) + ad * mass[i];
-        consistent_mass.is_none() && model.product(vd, *stiffness_damping, &diagonal, x)
+        let diagonal = lumped(mass, drag, *mass_damping, self.factors);
+        consistent_mass.is_none() && model.product(self.factors.0, *stiffness_damping, &diagonal, x)
     }
 
     fn cubes(&mut self) -> Option<&CubeMatrix<R>> {
