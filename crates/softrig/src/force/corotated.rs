@@ -281,12 +281,13 @@ impl<R: Scalar> ForceModel<R> for Corotated<R> {
 
     fn save(&mut self) {
         self.saved.resize(self.tet_q.len() + self.hex_q.len(), [[0.0; BLOCK]; 4]);
-        for (saved, q) in self.saved.iter_mut().zip(self.tet_q.iter_mut().chain(&mut self.hex_q)) {
+        let all = self.saved.par_iter_mut().zip(self.tet_q.par_iter_mut().chain(&mut self.hex_q));
+        all.with_min_len(TASK).for_each(|(saved, q)| {
             for (saved, q) in saved.as_flattened_mut().iter_mut().zip(q.as_flattened_mut()) {
                 *saved = f32::from_f64(q.to_f64());
                 *q = R::from_f64(saved.to_f64());
             }
-        }
+        });
     }
 
     fn roll_back(&mut self) {

@@ -20,7 +20,9 @@ use super::system::StepSystem;
 use super::{Integrator, State, StepError, StepInput, StepOutput, earlier_tolerance};
 use crate::body::Body;
 use crate::force::Increment;
-use softrig_linalg::{BlockCsr, BlockPattern, CubeMatrix, DofConstraints, LinearSolver, Scalar, either};
+use rayon::prelude::*;
+use softrig_linalg::{BlockCsr, BlockPattern, CubeMatrix, DofConstraints, LinearSolver, Scalar, either, par};
+use std::ops::Range;
 use std::sync::Arc;
 
 /// A time integration scheme.
@@ -169,16 +171,7 @@ impl<R: Scalar> Implicit<R> {
         state: &State<R>,
         i: usize,
     ) -> [[R; 3]; 2] {
-        let zero = [R::zero(); 3];
-        if body.constraints.is_constrained(i) {
-            return [if held(body, i) { zero } else { input.target_velocity[i] }, zero];
-        }
-        let [vd, vv, va, ad, av, aa] = [c.vd, c.vv, c.va, c.ad, c.av, c.aa].map(R::from_f64);
-        let (d, v, a) = (self.d[i], state.velocity[i], state.acceleration[i]);
-        [
-            std::array::from_fn(|k| vd * d[k] + vv * v[k] + va * a[k]),
-            std::array::from_fn(|k| ad * d[k] + av * v[k] + aa * a[k]),
-        ]
+        motion(body, c, input, i, [self.d[i], state.velocity[i], state.acceleration[i]])
     }
 
     /// Writes f = f_int + K d + b K v' to the right-hand side, with d where `moved` says so. Returns the elastic energy.
@@ -190,10 +183,12 @@ impl<R: Scalar> Implicit<R> {
         state: &State<R>,
         moved: bool,
     ) -> f64 {
-        self.v.clear();
         if body.is_damped() {
-            let mut v = std::mem::take(&mut self.v);
-            v.extend((0..self.d.len()).map(|i| self.motion(body, c, input, state, i)[0]));
+            let (mut v, still) = (std::mem::take(&mut self.v), &*body);
+            v.resize(self.d.len(), [R::zero(); 3]);
+            v.par_iter_mut().enumerate().with_min_len(par::CHUNK).for_each(|(i, v)| {
+                *v = self.motion(still, c, input, state, i)[0];
+            });
             self.v = v;
         }
         let increment = body.increment(moved.then_some(&self.d[..]), &self.v);
@@ -202,27 +197,26 @@ impl<R: Scalar> Implicit<R> {
 
     /// Makes r = f_ext − f − M a' − a M v' of the f in the right-hand side on free nodes, zero on the others. Returns |r|.
     fn residual(&mut self, body: &Body<R>, c: &Constants, input: &StepInput<'_, R>, state: &State<R>) -> f64 {
+        let mut rhs = std::mem::take(&mut self.rhs);
         if let Some(m) = &body.consistent_mass {
             let a: Vec<[R; 3]> = (0..self.d.len()).map(|i| self.motion(body, c, input, state, i)[1]).collect();
             self.inertia.resize(a.len(), [R::zero(); 3]);
             multiply(m, &a, &mut self.inertia);
         }
-        let mut square = 0.0;
-        for i in 0..self.rhs.len() {
+        rhs.par_iter_mut().enumerate().with_min_len(par::CHUNK).for_each(|(i, r)| {
             if body.constraints.is_constrained(i) {
-                self.rhs[i] = [R::zero(); 3];
-                continue;
+                *r = [R::zero(); 3];
+                return;
             }
             let drag = body.drag[i] + body.mass_damping * body.mass[i];
             let [v, a] = self.motion(body, c, input, state, i);
             let consistent = body.consistent_mass.is_some();
             let inertia = if consistent { self.inertia[i] } else { a.map(|a| a * body.mass[i]) };
-            for k in 0..3 {
-                let r = input.external_force[i][k] - self.rhs[i][k] - inertia[k] - drag * v[k];
-                self.rhs[i][k] = r;
-                square += r.to_f64() * r.to_f64();
-            }
-        }
+            *r = std::array::from_fn(|k| input.external_force[i][k] - r[k] - inertia[k] - drag * v[k]);
+        });
+        let square = |range: Range<usize>| rhs[range].as_flattened().iter().map(|r| r.to_f64() * r.to_f64()).sum();
+        let square = par::sum(rhs.len(), square);
+        self.rhs = rhs;
         square.sqrt()
     }
 
@@ -299,7 +293,8 @@ impl<R: Scalar> Implicit<R> {
         }
         finite("position", time, &self.x)?;
         let velocity = |i: usize| self.motion(body, &c, input, state, i)[0];
-        if let Some(node) = (0..n).find(|i| !velocity(*i).iter().all(|v| v.is_finite())) {
+        let bad = |i: &usize| !velocity(*i).iter().all(|v| v.is_finite());
+        if let Some(node) = (0..n).into_par_iter().with_min_len(par::CHUNK).find_first(bad) {
             return Err(StepError::NotFinite { time, what: "velocity", node });
         }
         if input.reactions {
@@ -338,14 +333,34 @@ impl<R: Scalar> Integrator<R> for Implicit<R> {
             return Err(e);
         }
         let c = self.scheme.constants(input.dt);
-        for i in 0..self.d.len() {
-            [state.velocity[i], state.acceleration[i]] = self.motion(body, &c, input, state, i);
-        }
+        let (d, still) = (&self.d, &*body);
+        let both = state.velocity.par_iter_mut().zip(&mut state.acceleration).enumerate().with_min_len(par::CHUNK);
+        both.for_each(|(i, (v, a))| [*v, *a] = motion(still, &c, input, i, [d[i], *v, *a]));
         std::mem::swap(&mut state.position, &mut self.x);
         state.time += input.dt;
         output.kinetic_energy = body.kinetic_energy(&state.velocity);
         Ok(())
     }
+}
+
+/// Velocity and acceleration of a node at the end of a step, from its d and what they were.
+#[inline]
+fn motion<R: Scalar>(
+    body: &Body<R>,
+    c: &Constants,
+    input: &StepInput<'_, R>,
+    i: usize,
+    [d, v, a]: [[R; 3]; 3],
+) -> [[R; 3]; 2] {
+    let zero = [R::zero(); 3];
+    if body.constraints.is_constrained(i) {
+        return [if held(body, i) { zero } else { input.target_velocity[i] }, zero];
+    }
+    let [vd, vv, va, ad, av, aa] = [c.vd, c.vv, c.va, c.ad, c.av, c.aa].map(R::from_f64);
+    [
+        std::array::from_fn(|k| vd * d[k] + vv * v[k] + va * a[k]),
+        std::array::from_fn(|k| ad * d[k] + av * v[k] + aa * a[k]),
+    ]
 }
 
 /// A node without a cell: it has nothing to move it and stays.
