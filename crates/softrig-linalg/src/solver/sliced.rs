@@ -7,10 +7,11 @@
 mod fill;
 mod times;
 
-pub(super) use fill::Fill;
 pub(crate) use times::slice_times;
 #[cfg(all(target_arch = "x86_64", not(miri)))]
 pub(crate) use times::{slice_times_avx2, slice_times_avx2_f64};
+
+use fill::Fill;
 
 use super::free::{BlockRows, Blocks, FreePattern};
 use super::pcg::kernel::Inverse;
@@ -74,7 +75,8 @@ pub(super) enum Fault {
 impl<A: Scalar> Sliced<A> {
     /// A matrix on that pattern, all zero. Chunks also end at the rows of `breaks` (ascending, from 0 to the number of rows).
     pub fn new(pattern: &Blocks, breaks: &[u32]) -> Self {
-        let mut layout = Layout { start: vec![0], chunk: vec![0], first_row: vec![0], ..Layout::default() };
+        let place = vec![0; pattern.row_count()];
+        let mut layout = Layout { start: vec![0], chunk: vec![0], first_row: vec![0], place, ..Layout::default() };
         let mut order: Vec<usize> = Vec::with_capacity(ROWS);
         for part in breaks.windows(2) {
             for first in (part[0] as usize..part[1] as usize).step_by(ROWS) {
@@ -84,15 +86,6 @@ impl<A: Scalar> Sliced<A> {
                 order.chunks(SLICE).for_each(|slice| layout.push(pattern, first, slice));
                 layout.chunk.push(layout.row.len() as u32);
                 layout.first_row.push((first + order.len()) as u32);
-            }
-        }
-        layout.place = vec![0; pattern.row_count()];
-        for c in 0..layout.chunk.len() - 1 {
-            for slice in layout.chunk[c]..layout.chunk[c + 1] {
-                for (l, row) in layout.row[slice as usize][..layout.filled[slice as usize] as usize].iter().enumerate()
-                {
-                    layout.place[layout.first_row[c] as usize + *row as usize] = slice * SLICE as u32 + l as u32;
-                }
             }
         }
         layout.column.shrink_to_fit();
@@ -217,6 +210,8 @@ impl<A: Scalar> Sliced<A> {
 
 impl Layout {
     fn push(&mut self, pattern: &Blocks, first: usize, slice: &[usize]) {
+        let first_place = self.row.len() * SLICE;
+        slice.iter().enumerate().for_each(|(l, row)| self.place[*row] = (first_place + l) as u32);
         self.row.push(std::array::from_fn(|l| slice.get(l).map_or(0, |r| (r - first) as u16)));
         self.filled.push(slice.len() as u8);
         for step in 0..pattern.row(slice[0]).len() {

@@ -7,7 +7,7 @@ use super::hex::{HexBlock, HexShape, columns};
 use super::incidence::{Cells, Corner, GROUP, GROUPS, Incidence, Strips};
 use super::tet::{BLOCK, Tets, warp};
 use rayon::prelude::*;
-use softrig_linalg::{BlockPattern, Kernel, Lane, Scalar, Scatter, Wide, par, run_wide};
+use softrig_linalg::{BlockPattern, Kernel, Lane, Scalar, Scatter, Stacked, Wide, par, run_wide};
 
 /// Most blocks of a row: their places are counted in 16 bits.
 pub(crate) const LONGEST_ROW: usize = 1 << 16;
@@ -110,7 +110,7 @@ struct RowKernel<'a, R> {
 
 type Quad<R> = Wide<R, 4>;
 /// Rotated gradients and constants of the cells of a strip.
-type Warped<R> = [[[R; 4]; 3]; GROUPS * GROUP];
+type Warped<R> = Stacked<[[R; 4]; 3], { GROUPS * GROUP }>;
 
 impl<R: Scalar> Kernel for RowKernel<'_, R> {
     type Output = ();
@@ -119,13 +119,17 @@ impl<R: Scalar> Kernel for RowKernel<'_, R> {
     fn run<const W: usize>(self) {
         let Self { rows, strip, take } = self;
         let zero = Quad::<R>::splat(R::zero());
-        let mut warped: Warped<R> = [[[R::zero(); 4]; 3]; GROUPS * GROUP];
+        let mut warped = Warped::<R>::new();
+        let mut near = [[[R::zero(); 4]; 3]; GROUP];
         let mut sums = [[zero; 3]; WINDOW];
         let mut short = [[R::zero(); 9]; WINDOW];
         let mut long = Vec::new();
         if let Cells::Groups(groups) = rows.strips.cells(strip) {
-            for (group, out) in groups.iter().zip(warped.as_chunks_mut::<GROUP>().0) {
-                warp::<R, W>(rows.tets, rows.tet_q, *group as usize, out);
+            for group in groups {
+                warp::<R, W>(rows.tets, rows.tet_q, *group as usize, &mut near);
+                for cell in near {
+                    warped.push(cell);
+                }
             }
         }
         for node in rows.strips.nodes(strip) {
@@ -172,7 +176,13 @@ fn flat<R: Scalar>(s: [Quad<R>; 3]) -> [R; 9] {
 
 /// Blocks of a row from the cells of its strip.
 #[inline(always)]
-fn tet_row<R: Scalar>(rows: &Rows<'_, R>, node: usize, window: usize, warped: &Warped<R>, sums: &mut [[Quad<R>; 3]]) {
+fn tet_row<R: Scalar>(
+    rows: &Rows<'_, R>,
+    node: usize,
+    window: usize,
+    warped: &[[[R; 4]; 3]],
+    sums: &mut [[Quad<R>; 3]],
+) {
     let (slots, blocks) = rows.strips.at(node);
     let Some(ratio) = rows.ratio else {
         for (slot, block) in slots.iter().zip(blocks) {

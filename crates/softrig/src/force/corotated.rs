@@ -151,18 +151,12 @@ impl<R: Scalar> Corotated<R> {
         self.shapes.len()
     }
 
-    /// Cell of the mesh behind one of our tetrahedra.
-    fn cell(&self, tet: usize) -> usize {
-        self.tet_order.get(tet).map_or(tet, |cell| *cell as usize)
-    }
-
     /// Makes the parts that the forces that are asked for are sums of.
     fn fill_parts(&mut self, load: impl TetLoad<R> + HexLoad<R>) {
         let Self { tets, tet_q, tet_parts, hexes, hex_q, hex_parts, hex_scatter, shapes, .. } = self;
         let tets = &*tets;
-        tets.scatter.for_chunks(tet_parts, |chunk, local, parts| {
-            let (q, nodes) = (par::chunk(tet_q, chunk, TASK), tets.scatter.nodes(chunk));
-            run_wide::<R, _>(tet::Forces { tets, chunk, q, load, nodes, local, parts });
+        tets.scatter.for_chunks(tet_parts, |chunk, _, parts| {
+            run_wide::<R, _>(tet::Forces { tets, chunk, q: par::chunk(tet_q, chunk, TASK), load, parts });
         });
         hex_scatter.for_chunks(hex_parts, |c, local, parts| {
             let (blocks, q, nodes) = (par::chunk(hexes, c, TASK), par::chunk(hex_q, c, TASK), hex_scatter.nodes(c));
@@ -175,6 +169,11 @@ impl<R: Scalar> Corotated<R> {
         let Self { tets, tet_parts, hex_scatter, hex_parts, .. } = self;
         gather_forces((&tets.scatter, tet_parts), (hex_scatter, hex_parts), diagonal, force);
     }
+}
+
+/// Cell of the mesh behind a tetrahedron of ours, by [`Corotated::tet_order`].
+fn cell_of(tet_order: &[u32], tet: usize) -> usize {
+    tet_order.get(tet).map_or(tet, |cell| *cell as usize)
 }
 
 /// lam / mu, where it is the same for all tetrahedra.
@@ -220,8 +219,7 @@ impl<R: Scalar> ForceModel<R> for Corotated<R> {
         }
         let Self { tets, hexes, shapes, hex_scatter, .. } = self;
         self.tet_q.par_chunks_mut(TASK).enumerate().for_each(|(chunk, q)| {
-            let (nodes, local) = (tets.scatter.nodes(chunk), tets.scatter.local(chunk));
-            run_wide::<R, _>(tet::Rotate { tets, chunk, nodes, local, position, q });
+            run_wide::<R, _>(tet::Rotate { tets, chunk, position, q });
         });
         let hexes = hexes.par_chunks(TASK).zip(self.hex_q.par_chunks_mut(TASK)).enumerate();
         hexes.for_each(|(c, (blocks, q))| {
@@ -309,7 +307,7 @@ impl<R: Scalar> ForceModel<R> for Corotated<R> {
         out.clear();
         out.resize(self.tets.scatter.cell_count(), [R::zero(); 4]);
         for i in 0..out.len() {
-            out[self.cell(i)] = lane(&self.tet_q, i);
+            out[cell_of(&self.tet_order, i)] = lane(&self.tet_q, i);
         }
         out.extend((0..self.hex_scatter.cell_count()).map(|i| lane(&self.hex_q, i)));
     }
@@ -317,8 +315,7 @@ impl<R: Scalar> ForceModel<R> for Corotated<R> {
     fn restore(&mut self, history: &[[R; 4]]) {
         let (t, h) = (self.tets.scatter.cell_count(), self.hex_scatter.cell_count());
         let cold = [R::zero(), R::zero(), R::zero(), R::one()];
-        let cell = |i: usize| self.tet_order.get(i).map_or(i, |cell| *cell as usize);
-        let at = |i: usize| if history.len() == t + h { history[cell(i)] } else { cold };
+        let at = |i: usize| if history.len() == t + h { history[cell_of(&self.tet_order, i)] } else { cold };
         // the cells that fill up the last block do as the last cell does
         for (blocks, first, len) in [(&mut self.tet_q, 0, t), (&mut self.hex_q, t, h)] {
             for (k, block) in blocks.iter_mut().enumerate() {

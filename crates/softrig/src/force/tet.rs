@@ -60,9 +60,6 @@ fn gradient_of<S: Lane>(y: [Vec3<S>; 4], g: [Vec3<S>; 3]) -> Mat3<S> {
 pub(super) struct Rotate<'a, R> {
     pub tets: &'a Tets<R>,
     pub chunk: usize,
-    /// Nodes of the chunk, and which of them each corner is.
-    pub nodes: &'a [u32],
-    pub local: &'a [[u16; 4]],
     pub position: &'a [[R; 3]],
     pub q: &'a mut [[[R; BLOCK]; 4]],
 }
@@ -71,16 +68,17 @@ impl<R: Scalar> Kernel for Rotate<'_, R> {
     type Output = ();
     #[inline(always)]
     fn run<const W: usize>(self) {
+        let (nodes, local) = (self.tets.scatter.nodes(self.chunk), self.tets.scatter.local(self.chunk));
         let mut x = Vectors::<R, PARTS>::new();
-        gather(self.nodes, self.position, &mut x);
+        gather(nodes, self.position, &mut x);
         for k in 0..self.q.len() {
             let block = self.chunk * TASK + k;
             for first in (0..BLOCK).step_by(W) {
                 let cell = k * BLOCK + first;
-                if cell >= self.local.len() {
+                if cell >= local.len() {
                     break;
                 }
-                let F = gradient_of(corners(&x, self.local, cell), self.tets.gradients::<W>(block, first));
+                let F = gradient_of(corners(&x, local, cell), self.tets.gradients::<W>(block, first));
                 let q = polar(F, load_q::<R, W>(&self.q[k], first));
                 for c in 0..4 {
                     store(&mut self.q[k][c], first, q[c]);
@@ -262,9 +260,6 @@ pub(super) struct Forces<'a, R, L> {
     pub chunk: usize,
     pub q: &'a [[[R; BLOCK]; 4]],
     pub load: L,
-    /// Nodes of the chunk, and which of them each corner is.
-    pub nodes: &'a [u32],
-    pub local: &'a [[u16; 4]],
     pub parts: &'a mut [[R; 4]],
 }
 
@@ -272,21 +267,22 @@ impl<R: Scalar, L: TetLoad<R>> Kernel for Forces<'_, R, L> {
     type Output = ();
     #[inline(always)]
     fn run<const W: usize>(self) {
+        let (nodes, local) = (self.tets.scatter.nodes(self.chunk), self.tets.scatter.local(self.chunk));
         let mut near = Near::<R, PARTS>::new();
-        self.load.gather(self.nodes, &mut near);
+        self.load.gather(nodes, &mut near);
         self.parts.fill([R::zero(); 4]);
         let mut out = Corners::<R, 4>::zero();
         for k in 0..self.q.len() {
             let block = self.chunk * TASK + k;
             for first in (0..BLOCK).step_by(W) {
                 let cell = k * BLOCK + first;
-                if cell >= self.local.len() {
+                if cell >= local.len() {
                     break;
                 }
                 let [lambda, mu, damping] = self.tets.moduli(block, first);
                 let (f, energy) = self.load.tets(TetCells::<R, W> {
                     near: &near,
-                    local: self.local,
+                    local,
                     first: cell,
                     gradient: self.tets.gradients(block, first),
                     rotation: rotation(load_q(&self.q[k], first)),
@@ -296,7 +292,7 @@ impl<R: Scalar, L: TetLoad<R>> Kernel for Forces<'_, R, L> {
                 });
                 out.set(first, f, energy);
             }
-            out.add(&self.local[k * BLOCK..], self.parts);
+            out.add(&local[k * BLOCK..], self.parts);
         }
     }
 }

@@ -266,8 +266,8 @@ impl<R: Scalar> Iteration<R> {
         }
         // what was copied without rounding is the caller's matrix
         match (finest, &self.values) {
-            (Some(matrix), _) if B::EPSILON.to_f64() == f64::from(f32::EPSILON) => return target.of_own(matrix, x),
-            (None, Some(matrix)) if B::EPSILON.to_f64() == R::EPSILON.to_f64() => return target.of_own(matrix, x),
+            (Some(matrix), _) if B::NAME == f32::NAME => return target.of_own(matrix, x),
+            (None, Some(matrix)) if B::NAME == R::NAME => return target.of_own(matrix, x),
             _ => {}
         }
         let y = &mut *asked.memory;

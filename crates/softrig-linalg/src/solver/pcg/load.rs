@@ -37,10 +37,7 @@ impl<R: Scalar> Iteration<R> {
         let nodes = prepared.row_count();
         let known = match system.cubes() {
             Some(cubes) => cubes.pattern.node_count == nodes,
-            None => {
-                let pattern = system.rows().pattern();
-                std::sync::Arc::ptr_eq(prepared, pattern) || **prepared == **pattern
-            }
+            None => prepared == system.rows().pattern(),
         };
         if known && rhs.len() == nodes && solution.len() == nodes { Ok(()) } else { Err(SolveError::NotPrepared) }
     }
