@@ -145,13 +145,18 @@ impl<A: Scalar> Sliced<A> {
         fill.finish()
     }
 
-    /// Block `k` of a row, counted from the first of the row, and its column.
+    /// A number by which rows that lie close together in memory are neighbours.
+    pub fn place(&self, row: usize) -> u32 {
+        self.layout.place[row]
+    }
+
+    /// The blocks of a row with their columns, in the order of the pattern; then those that it is filled up with.
     #[inline(always)]
-    pub fn block(&self, row: usize, k: usize) -> (u32, [A; 9]) {
+    pub fn blocks(&self, row: usize) -> impl Iterator<Item = (u32, [A; 9])> + '_ {
         let (steps, lane) = self.layout.place(row);
-        // by reference: eight rows are too many to copy for one
-        let (column, step) = (&self.layout.column[steps.start + k], &self.values[steps.start + k]);
-        (column[lane], std::array::from_fn(|i| step[i][lane]))
+        let both = self.layout.column[steps.clone()].iter().zip(&self.values[steps]);
+        // the remainder tells the compiler that there are so many lanes
+        both.map(move |(column, step)| (column[lane % SLICE], std::array::from_fn(|i| step[i][lane % SLICE])))
     }
 
     /// Rows of chunk `c`.

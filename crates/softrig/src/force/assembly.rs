@@ -4,8 +4,8 @@
 #![allow(non_snake_case, reason = "symbols of the continuum mechanics literature")]
 
 use super::hex::{HexBlock, HexShape, columns};
-use super::incidence::{Cells, Corner, GROUP, GROUPS, Incidence, Strips};
-use super::tet::{BLOCK, Tets, warp};
+use super::incidence::{Corner, EDGES, GROUP, GROUPS, Incidence, NODES, Strips};
+use super::tet::{BLOCK, Tets, Warped, warp};
 use rayon::prelude::*;
 use softrig_linalg::{BlockPattern, Kernel, Lane, Scalar, Scatter, Stacked, Wide, par, run_wide};
 
@@ -109,8 +109,6 @@ struct RowKernel<'a, R> {
 }
 
 type Quad<R> = Wide<R, 4>;
-/// Rotated gradients and constants of the cells of a strip.
-type Warped<R> = Stacked<[[R; 4]; 3], { GROUPS * GROUP }>;
 
 impl<R: Scalar> Kernel for RowKernel<'_, R> {
     type Output = ();
@@ -118,22 +116,16 @@ impl<R: Scalar> Kernel for RowKernel<'_, R> {
     #[inline(always)]
     fn run<const W: usize>(self) {
         let Self { rows, strip, take } = self;
-        let zero = Quad::<R>::splat(R::zero());
-        let mut warped = Warped::<R>::new();
-        let mut near = [[[R::zero(); 4]; 3]; GROUP];
-        let mut sums = [[zero; 3]; WINDOW];
+        let (pattern, nodes) = (rows.pattern, rows.strips.nodes(strip));
+        let mut edges = Stacked::<[R; 9], EDGES>::new();
+        edge_blocks::<R, W>(rows, strip, &mut edges);
+        // the edges of the rows that came: the next that a later row will ask for
+        let (mut cursor, mut next) = ([0usize; NODES], 0);
         let mut short = [[R::zero(); 9]; WINDOW];
         let mut long = Vec::new();
-        if let Cells::Groups(groups) = rows.strips.cells(strip) {
-            for group in groups {
-                warp::<R, W>(rows.tets, rows.tet_q, *group as usize, &mut near);
-                for cell in near {
-                    warped.push(cell);
-                }
-            }
-        }
-        for node in rows.strips.nodes(strip) {
-            let row = rows.pattern.row(node);
+        for node in nodes.clone() {
+            let row = pattern.row(node);
+            let columns = &pattern.column()[row.clone()];
             let values = match short.get_mut(..row.len()) {
                 Some(short) => short,
                 None => {
@@ -141,28 +133,36 @@ impl<R: Scalar> Kernel for RowKernel<'_, R> {
                     &mut long[..]
                 }
             };
-            let own = rows.pattern.diagonal()[node] as usize - row.start;
-            // K maps rigid translations to zero: the diagonal is minus the sum of the others
-            let mut diagonal = [zero; 3];
-            for window in (0..row.len()).step_by(WINDOW) {
-                let len = (row.len() - window).min(WINDOW);
-                sums[..len].fill([zero; 3]);
-                match rows.strips.cells(strip) {
-                    Cells::Groups(_) => tet_row(rows, node, window, &warped, &mut sums[..len]),
-                    Cells::Crowded(corners) => crowded_row(rows, corners, window, &mut sums),
-                }
-                hex_row(rows, node, window, &mut sums);
-                for k in 0..len {
-                    if window + k != own {
-                        let s = sums[k];
-                        for i in 0..3 {
-                            diagonal[i] -= s[i];
-                        }
-                        values[window + k] = flat(s);
+            let own = pattern.diagonal()[node] as usize - row.start;
+            if edges.is_empty() {
+                values.fill([R::zero(); 9]);
+                crowded_row(rows, node, values);
+            } else {
+                for (k, (value, column)) in values.iter_mut().zip(columns).enumerate() {
+                    let earlier = (*column as usize).wrapping_sub(nodes.start);
+                    if k == own {
+                        // columns ascend: what follows are the edges to later nodes of the strip
+                        cursor[node - nodes.start] = next;
+                    } else if earlier < node - nodes.start {
+                        let [a, b, c, d, e, f, g, h, i] = edges[cursor[earlier]];
+                        *value = [a, d, g, b, e, h, c, f, i];
+                        cursor[earlier] += 1;
+                    } else {
+                        *value = edges[next];
+                        next += 1;
                     }
                 }
             }
-            values[own] = flat(diagonal);
+            hex_row(rows, node, values);
+            // K maps rigid translations to zero: the diagonal is minus the sum of the others
+            values[own] = [R::zero(); 9];
+            let mut diagonal = [R::zero(); 9];
+            for value in &*values {
+                for i in 0..9 {
+                    diagonal[i] -= value[i];
+                }
+            }
+            values[own] = diagonal;
             take(node, values);
         }
     }
@@ -174,101 +174,105 @@ fn flat<R: Scalar>(s: [Quad<R>; 3]) -> [R; 9] {
     [a[0], a[1], a[2], b[0], b[1], b[2], c[0], c[1], c[2]]
 }
 
-/// Blocks of a row from the cells of its strip.
+/// (lam / mu) G + Gᵀ + tr(G) I, with `scaled` the first of these.
 #[inline(always)]
-fn tet_row<R: Scalar>(
-    rows: &Rows<'_, R>,
-    node: usize,
-    window: usize,
-    warped: &[[[R; 4]; 3]],
-    sums: &mut [[Quad<R>; 3]],
-) {
-    let (slots, blocks) = rows.strips.at(node);
-    let Some(ratio) = rows.ratio else {
-        for (slot, block) in slots.iter().zip(blocks) {
-            let (cell, a) = (*slot as usize / 4, *slot as usize % 4);
-            let block = [block[0] as usize, block[1] as usize, block[2] as usize];
-            add_tet(rows, &warped[cell], a, block, window, sums);
-        }
-        return;
-    };
-    // with lam = ratio mu everywhere, G = Σ V mu g_a g_bᵀ has it all: K_ab = ratio G + Gᵀ + tr(G) I. A third of the work.
-    for (slot, block) in slots.iter().zip(blocks) {
-        let (g, a) = (&warped[*slot as usize / 4], *slot as usize % 4);
-        let mu = g[1][3] * (R::one() + rows.rate * (g[2][3] + rows.damping));
-        let g = all_gradients(g);
-        let mga = [g[a][0] * mu, g[a][1] * mu, g[a][2] * mu];
-        for k in 1..4 {
-            let b = (a + k) % 4;
-            if let Some(sum) = sums.get_mut((block[k - 1] as usize).wrapping_sub(window)) {
-                let gb = Wide(g[b]);
-                for i in 0..3 {
-                    sum[i] += gb * Wide::splat(mga[i]);
-                }
-            }
+fn block_of<R: Scalar>([x, y, z]: [Quad<R>; 3], scaled: [Quad<R>; 3]) -> [R; 9] {
+    let zero = R::zero();
+    let transposed = R::transposed([&x.0, &y.0, &z.0, &[zero; 4]]);
+    let trace = x.0[0] + y.0[1] + z.0[2];
+    let added = [[trace, zero, zero, zero], [zero, trace, zero, zero], [zero, zero, trace, zero]];
+    let mut sum = scaled;
+    for i in 0..3 {
+        sum[i] = sum[i] + Wide(transposed[i]) + Wide(added[i]);
+    }
+    flat(sum)
+}
+
+/// Blocks of all edges of a strip, from G = Σ h_a h_bᵀ over the cells around an edge, which has it all where lam / mu is the same for all
+/// of them. An edge of two rows is computed once.
+#[inline(always)]
+fn edge_blocks<R: Scalar, const W: usize>(rows: &Rows<'_, R>, strip: usize, edges: &mut Stacked<[R; 9], EDGES>) {
+    let (groups, around, mut rest) = rows.strips.edges(strip);
+    let mut warped = Stacked::<Warped<R>, { GROUPS * GROUP }>::new();
+    let mut near = [[[R::zero(); 4]; 4]; GROUP];
+    for group in groups {
+        warp::<R, W>(rows.tets, rows.tet_q, *group as usize, [rows.rate, rows.damping], &mut near);
+        for cell in near {
+            warped.push(cell);
         }
     }
-    let (ratio, zero) = (Wide::splat(ratio), R::zero());
-    for sum in sums.iter_mut() {
-        let [x, y, z] = *sum;
-        let transposed = R::transposed([&x.0, &y.0, &z.0, &[zero; 4]]);
-        let trace = x.0[0] + y.0[1] + z.0[2];
-        let added = [[trace, zero, zero, zero], [zero, trace, zero, zero], [zero, zero, trace, zero]];
-        for i in 0..3 {
-            sum[i] = ratio * sum[i] + Wide(transposed[i]) + Wide(added[i]);
+    let warped = &*warped;
+    for count in around {
+        let (corners, after) = rest.split_at(usize::from(*count));
+        rest = after;
+        let mut G = [Quad::<R>::splat(R::zero()); 3];
+        if let Some(ratio) = rows.ratio {
+            for corner in corners {
+                let (a, b) = ends(warped, *corner);
+                for i in 0..3 {
+                    G[i] += Wide(*b) * Wide::splat(a[i]);
+                }
+            }
+            edges.push(block_of(G, G.map(|g| Wide::splat(ratio) * g)));
+        } else {
+            let mut scaled = G;
+            for corner in corners {
+                let (a, b) = ends(warped, *corner);
+                let ratio = Wide::splat(warped[usize::from(*corner) / 16][0][3]);
+                for i in 0..3 {
+                    let part = Wide(*b) * Wide::splat(a[i]);
+                    G[i] += part;
+                    scaled[i] += ratio * part;
+                }
+            }
+            edges.push(block_of(G, scaled));
         }
     }
 }
 
-/// The gradients of all corners: they add up to nothing.
+/// Gradients at both ends of an edge of a cell.
 #[inline(always)]
-fn all_gradients<R: Scalar>(g: &[[R; 4]; 3]) -> [[R; 4]; 4] {
-    [(-(Wide(g[0]) + Wide(g[1]) + Wide(g[2]))).0, g[0], g[1], g[2]]
+fn ends<R>(warped: &[Warped<R>], corner: u16) -> (&[R; 4], &[R; 4]) {
+    let cell = &warped[usize::from(corner) / 16];
+    (&cell[usize::from(corner) / 4 % 4], &cell[usize::from(corner) % 4])
 }
 
 /// Blocks of the row of a crowded node. Out of line: meshes have none, or few.
 #[inline(never)]
-fn crowded_row<R: Scalar>(rows: &Rows<'_, R>, corners: &[Corner], window: usize, sums: &mut [[Quad<R>; 3]; WINDOW]) {
-    let mut near = [[[R::zero(); 4]; 3]; GROUP];
-    for Corner { slot, block } in corners {
+fn crowded_row<R: Scalar>(rows: &Rows<'_, R>, node: usize, values: &mut [[R; 9]]) {
+    let mut near = [[[R::zero(); 4]; 4]; GROUP];
+    for Corner { slot, block } in rows.strips.crowded(node) {
         let (cell, a) = (*slot as usize / 4, *slot as usize % 4);
-        warp::<R, 1>(rows.tets, rows.tet_q, cell / GROUP, &mut near);
-        add_tet(rows, &near[cell % GROUP], a, block.map(usize::from), window, sums);
-    }
-}
-
-/// K_ab = V (lam g_a g_bᵀ + mu g_b g_aᵀ + mu (g_a . g_b) I) with the rotated gradients `g`.
-#[inline(always)]
-fn add_tet<R: Scalar>(
-    rows: &Rows<'_, R>,
-    g: &[[R; 4]; 3],
-    a: usize,
-    block: [usize; 3],
-    window: usize,
-    sums: &mut [[Quad<R>; 3]],
-) {
-    let (o, l) = (R::zero(), R::one());
-    let units = [Wide([l, o, o, o]), Wide([o, l, o, o]), Wide([o, o, l, o])];
-    let factor = R::one() + rows.rate * (g[2][3] + rows.damping);
-    let (lambda, mu) = (g[0][3] * factor, g[1][3] * factor);
-    let g = all_gradients(g);
-    let ga = g[a];
-    let mga = Wide([ga[0] * mu, ga[1] * mu, ga[2] * mu, R::zero()]);
-    let lga = [ga[0] * lambda, ga[1] * lambda, ga[2] * lambda];
-    for k in 1..4 {
-        let b = (a + k) % 4;
-        let Some(sum) = sums.get_mut(block[k - 1].wrapping_sub(window)) else { continue };
-        let gb = g[b];
-        let dot = gb[0] * mga.0[0] + gb[1] * mga.0[1] + gb[2] * mga.0[2];
-        for i in 0..3 {
-            sum[i] += Wide(gb) * Wide::splat(lga[i]) + mga * Wide::splat(gb[i]) + units[i] * Wide::splat(dot);
+        warp::<R, 1>(rows.tets, rows.tet_q, cell / GROUP, [rows.rate, rows.damping], &mut near);
+        let h = &near[cell % GROUP];
+        for (k, at) in block.iter().enumerate() {
+            let G = h[a].map(|v| Wide(h[(a + 1 + k) % 4]) * Wide::splat(v));
+            let G = [G[0], G[1], G[2]];
+            let part = block_of(G, G.map(|g| Wide::splat(h[0][3]) * g));
+            values[usize::from(*at)].iter_mut().zip(part).for_each(|(v, p)| *v += p);
         }
     }
 }
 
-/// K_ab = R Ke_ab Rᵀ.
+/// Adds K_ab = R Ke_ab Rᵀ of all hexahedra at a node.
 #[inline(always)]
-fn hex_row<R: Scalar>(rows: &Rows<'_, R>, node: usize, window: usize, sums: &mut [[Quad<R>; 3]; WINDOW]) {
+fn hex_row<R: Scalar>(rows: &Rows<'_, R>, node: usize, values: &mut [[R; 9]]) {
+    if rows.hexes.at(node).0.is_empty() {
+        return;
+    }
+    let mut sums = [[Quad::<R>::splat(R::zero()); 3]; WINDOW];
+    for (k, values) in values.chunks_mut(WINDOW).enumerate() {
+        sums[..values.len()].fill([Wide::splat(R::zero()); 3]);
+        hex_window(rows, node, k * WINDOW, &mut sums);
+        for (value, sum) in values.iter_mut().zip(sums) {
+            value.iter_mut().zip(flat(sum)).for_each(|(v, s)| *v += s);
+        }
+    }
+}
+
+/// The same for the blocks of a window, which are summed in registers' shape.
+#[inline(always)]
+fn hex_window<R: Scalar>(rows: &Rows<'_, R>, node: usize, window: usize, sums: &mut [[Quad<R>; 3]; WINDOW]) {
     let (slots, blocks) = rows.hexes.at(node);
     for (slot, block) in slots.iter().zip(blocks) {
         let slot = *slot as usize;

@@ -116,7 +116,7 @@ impl<R: Scalar> Corotated<R> {
             tet_parts,
             hex_parts: parts(hex_scatter.part_count()),
             hex_scatter,
-            strips: Strips::new(&Incidence::new(nodes, &tet_nodes, &pattern)),
+            strips: Strips::new(&Incidence::new(nodes, &tet_nodes, &pattern), &pattern),
             hex_incidence: Incidence::new(nodes, &mesh.hexes, &pattern),
             tet_order,
             pattern,
@@ -306,8 +306,11 @@ impl<R: Scalar> ForceModel<R> for Corotated<R> {
         let lane = |blocks: &[[[R; BLOCK]; 4]], i: usize| blocks[i / BLOCK].map(|c| c[i % BLOCK]);
         out.clear();
         out.resize(self.tets.scatter.cell_count(), [R::zero(); 4]);
-        for i in 0..out.len() {
-            out[cell_of(&self.tet_order, i)] = lane(&self.tet_q, i);
+        if self.tet_order.is_empty() {
+            out.par_iter_mut().enumerate().with_min_len(CELLS).for_each(|(i, out)| *out = lane(&self.tet_q, i));
+        }
+        for (i, cell) in self.tet_order.iter().enumerate() {
+            out[*cell as usize] = lane(&self.tet_q, i);
         }
         out.extend((0..self.hex_scatter.cell_count()).map(|i| lane(&self.hex_q, i)));
     }

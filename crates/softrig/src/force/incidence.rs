@@ -63,6 +63,13 @@ impl Incidence<4> {
             Corner { slot: *slot, block: std::array::from_fn(|k| block[(own + 1 + k) % 4]) }
         })
     }
+
+    /// Most cells around one edge of a node.
+    fn most_around(&self, node: usize) -> usize {
+        let mut blocks: Vec<u16> = self.corners(node).flat_map(|c| c.block).collect();
+        blocks.sort_unstable();
+        blocks.chunk_by(|a, b| a == b).map(<[u16]>::len).max().unwrap_or(0)
+    }
 }
 
 /// Cells of a group: they are turned together.
@@ -70,24 +77,30 @@ pub(super) const GROUP: usize = 8;
 /// Most groups of a strip.
 pub(super) const GROUPS: usize = 160;
 /// Most nodes of a strip.
-const NODES: usize = 128;
+pub(super) const NODES: usize = 128;
+/// Most edges of a strip.
+pub(super) const EDGES: usize = 2048;
 
-/// The tetrahedra at each node, for nodes taken strip by strip: the cells that meet at the nodes of a strip are few enough to be
-/// turned on the stack and read from there, node by node. Keeping what all cells turn into would take as much memory as everything
+/// The tetrahedra around each edge, for nodes taken strip by strip: the cells that meet at the nodes of a strip are few enough to be
+/// turned on the stack and read from there, edge by edge. Keeping what all cells turn into would take as much memory as everything
 /// else of a cell, and turning the cells of each node anew half as long again as the rest of the assembly.
+///
+/// The edges of a strip are those from its nodes, ascending, to the other nodes of their rows, ascending; an edge between two nodes of
+/// the strip is that of the first of them.
 #[derive(Clone, Debug)]
 pub(super) struct Strips {
     /// First node of each strip, and one past the last.
     node: Vec<u32>,
-    /// Groups of cells of each strip: first of them, and one past the last; which.
-    start: Vec<u32>,
+    /// First group of cells, first edge and first cell around an edge of each strip, and one past the last.
+    start: Vec<[u32; 3]>,
+    /// Groups of cells.
     group: Vec<u32>,
-    /// Incidence of each node: first of it, and one past the last; slots, counted in the groups of the strip; and blocks.
-    first: Vec<u32>,
-    slot: Vec<u16>,
-    block: Vec<[u8; 3]>,
-    /// Nodes that are a strip each and have none of the above, ascending: those with more than [`GROUPS`] groups, or with a row that
-    /// [`Self::block`] cannot count.
+    /// How many cells are around each edge.
+    around: Vec<u8>,
+    /// These: cell, counted in the groups of the strip, and its corners at both ends of the edge: (cell * 4 + corner) * 4 + corner.
+    corners: Vec<u16>,
+    /// Nodes that are a strip each and have none of the above, ascending: those with more than [`GROUPS`] groups, more than [`EDGES`] edges,
+    /// or one with more cells around it than [`Self::around`] counts.
     crowded: Vec<(u32, Vec<Corner>)>,
 }
 
@@ -100,33 +113,34 @@ pub(super) struct Corner {
     pub block: [u16; 3],
 }
 
+fn group_of(slot: u32) -> u32 {
+    slot / (4 * GROUP as u32)
+}
+
 impl Strips {
-    pub(super) fn new(incidence: &Incidence<4>) -> Self {
-        let nodes = incidence.start.len() - 1;
+    pub(super) fn new(incidence: &Incidence<4>, pattern: &BlockPattern) -> Self {
+        let nodes = pattern.row_count();
         let mut out = Self {
             node: vec![0],
-            start: vec![0],
+            start: vec![[0; 3]],
             group: Vec::new(),
-            first: Vec::with_capacity(nodes + 1),
-            slot: Vec::with_capacity(incidence.slot.len()),
-            block: Vec::with_capacity(incidence.slot.len()),
+            around: Vec::new(),
+            corners: Vec::with_capacity(incidence.slot.len() * 2),
             crowded: Vec::new(),
         };
-        out.first.push(0);
-        let group_of = |slot: &u32| *slot / (4 * GROUP as u32);
-        let is_long = |n: usize| incidence.at(n).1.iter().flatten().any(|b| *b > u16::from(u8::MAX));
         let (mut here, mut more): (Vec<u32>, Vec<u32>) = (Vec::new(), Vec::new());
         let mut n = 0;
         while n < nodes {
             let first = n;
-            let mut crowded = false;
+            let (mut crowded, mut edges) = (false, 0);
             here.clear();
             while n < nodes && n < first + NODES && !crowded {
                 more.clone_from(&here);
-                more.extend(incidence.at(n).0.iter().map(group_of));
+                more.extend(incidence.at(n).0.iter().map(|slot| group_of(*slot)));
                 more.sort_unstable();
                 more.dedup();
-                let fits = more.len() <= GROUPS && !is_long(n);
+                edges += pattern.row(n).len();
+                let fits = more.len() <= GROUPS && edges <= EDGES && incidence.most_around(n) <= usize::from(u8::MAX);
                 if !fits && n > first {
                     break;
                 }
@@ -136,25 +150,38 @@ impl Strips {
             }
             if crowded {
                 out.crowded.push((first as u32, incidence.corners(first).collect()));
-                out.first.push(out.slot.len() as u32);
-            } else {
-                for node in first..n {
-                    for Corner { slot, block } in incidence.corners(node) {
-                        let at = here.partition_point(|g| *g < group_of(&slot));
-                        out.slot.push((at * 4 * GROUP) as u16 + (slot % (4 * GROUP as u32)) as u16);
-                        out.block.push(block.map(|b| b as u8));
-                    }
-                    out.first.push(out.slot.len() as u32);
-                }
+            } else if !here.is_empty() {
+                out.add_edges(incidence, pattern, first..n, &here);
                 out.group.extend_from_slice(&here);
             }
-            out.start.push(out.group.len() as u32);
+            out.start.push([out.group.len(), out.around.len(), out.corners.len()].map(|len| len as u32));
             out.node.push(n as u32);
         }
-        out.group.shrink_to_fit();
-        out.start.shrink_to_fit();
-        out.node.shrink_to_fit();
+        let Self { node, start, group, around, corners, .. } = &mut out;
+        [node, group].into_iter().for_each(Vec::shrink_to_fit);
+        (start.shrink_to_fit(), around.shrink_to_fit(), corners.shrink_to_fit());
         out
+    }
+
+    /// The edges of a strip whose cells are in these groups.
+    fn add_edges(&mut self, incidence: &Incidence<4>, pattern: &BlockPattern, strip: Range<usize>, groups: &[u32]) {
+        let size = 4 * GROUP as u32;
+        for node in strip.clone() {
+            let row = pattern.row(node);
+            for (k, column) in pattern.column()[row].iter().enumerate() {
+                if (strip.start..=node).contains(&(*column as usize)) {
+                    continue;
+                }
+                let before = self.corners.len();
+                for corner in incidence.corners(node) {
+                    let Some(turn) = corner.block.iter().position(|b| usize::from(*b) == k) else { continue };
+                    let at = groups.partition_point(|g| *g < group_of(corner.slot)) as u32;
+                    let own = at * size + corner.slot % size;
+                    self.corners.push((own * 4 + (own + 1 + turn as u32) % 4) as u16);
+                }
+                self.around.push((self.corners.len() - before) as u8);
+            }
+        }
     }
 
     pub(super) fn count(&self) -> usize {
@@ -167,30 +194,19 @@ impl Strips {
         self.node[strip] as usize..self.node[strip + 1] as usize
     }
 
-    /// Its groups of cells, or the corners at its only node.
+    /// Its groups of cells, and of each of its edges how many cells are around it, and all these. Empty for a crowded node, and
+    /// for nodes without tetrahedra.
     #[inline(always)]
-    pub(super) fn cells(&self, strip: usize) -> Cells<'_> {
-        let groups = &self.group[self.start[strip] as usize..self.start[strip + 1] as usize];
-        if groups.is_empty() { Cells::Crowded(self.corners(self.node[strip])) } else { Cells::Groups(groups) }
+    pub(super) fn edges(&self, strip: usize) -> (&[u32], &[u8], &[u16]) {
+        let ([a, b, c], [d, e, f]) = (self.start[strip], self.start[strip + 1]);
+        let range = |a: u32, b: u32| a as usize..b as usize;
+        (&self.group[range(a, d)], &self.around[range(b, e)], &self.corners[range(c, f)])
     }
 
     /// The corners at a crowded node; none at others.
     #[inline(never)]
-    fn corners(&self, node: u32) -> &[Corner] {
-        let found = self.crowded.binary_search_by_key(&node, |c| c.0);
+    pub(super) fn crowded(&self, node: usize) -> &[Corner] {
+        let found = self.crowded.binary_search_by_key(&(node as u32), |c| c.0);
         found.map_or(&[], |i| &self.crowded[i].1)
     }
-
-    /// Slots, counted in the groups of the strip, and blocks of a node: those of the three corners after its own, taken round.
-    #[inline(always)]
-    pub(super) fn at(&self, node: usize) -> (&[u16], &[[u8; 3]]) {
-        let range = self.first[node] as usize..self.first[node + 1] as usize;
-        (&self.slot[range.clone()], &self.block[range])
-    }
-}
-
-/// The cells of a strip.
-pub(super) enum Cells<'a> {
-    Groups(&'a [u32]),
-    Crowded(&'a [Corner]),
 }

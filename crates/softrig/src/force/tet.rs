@@ -88,22 +88,26 @@ impl<R: Scalar> Kernel for Rotate<'_, R> {
     }
 }
 
-/// What the assembly reads of a group of cells: the rotated gradients R g_a of corners 1, 2, 3, with V lam, V mu, b in their fourth
-/// places.
+/// What the assembly reads of a cell: for each corner h_a = sqrt(V mu c) R g_a, c = 1 + rate (b + damping), so that
+/// c K_ab = (lam / mu) h_a h_bᵀ + h_b h_aᵀ + (h_a . h_b) I; and lam / mu in the fourth place of the first.
+pub(super) type Warped<R> = [[R; 4]; 4];
+
+/// The cells of a group as the assembly reads them; `factors` are rate and damping.
 #[inline(always)]
 pub(super) fn warp<R: Scalar, const W: usize>(
     tets: &Tets<R>,
     q: &[[[R; BLOCK]; 4]],
     group: usize,
-    warped: &mut [[[R; 4]; 3]; GROUP],
+    factors: [R; 2],
+    warped: &mut [Warped<R>; GROUP],
 ) {
     let block = group * GROUP / BLOCK;
     let first = group * GROUP % BLOCK;
     if W > GROUP {
-        warp_lanes::<R, GROUP>(tets, q, block, first, warped);
+        warp_lanes::<R, GROUP>(tets, q, block, first, factors, warped);
     } else {
         for k in (0..GROUP).step_by(W) {
-            warp_lanes::<R, W>(tets, q, block, first + k, &mut warped[k..]);
+            warp_lanes::<R, W>(tets, q, block, first + k, factors, &mut warped[k..]);
         }
     }
 }
@@ -114,14 +118,21 @@ fn warp_lanes<R: Scalar, const W: usize>(
     q: &[[[R; BLOCK]; 4]],
     block: usize,
     first: usize,
-    warped: &mut [[[R; 4]; 3]],
+    [rate, damping]: [R; 2],
+    warped: &mut [Warped<R>],
 ) {
     let rot = rotation(load_q::<R, W>(&q[block], first));
     let g = tets.gradients::<W>(block, first);
-    let constants = tets.moduli::<W>(block, first);
-    for a in 0..3 {
-        let [x, y, z] = (rot * g[a]).0;
-        let rows = [&x.0, &y.0, &z.0, &constants[a].0];
+    let [lambda, mu, b] = tets.moduli::<W>(block, first);
+    let factor = Wide::splat(R::one()) + Wide::splat(rate) * (b + Wide::splat(damping));
+    let root = (mu * factor).sqrt();
+    let h = [(rot * g[0]).scale(root), (rot * g[1]).scale(root), (rot * g[2]).scale(root)];
+    let zero = Wide::splat(R::zero());
+    // gradients add up to nothing
+    let all = [(-(h[0] + h[1] + h[2]), lambda / mu), (h[0], zero), (h[1], zero), (h[2], zero)];
+    for a in 0..4 {
+        let (Vec3([x, y, z]), last) = all[a];
+        let rows = [&x.0, &y.0, &z.0, &last.0];
         for k in 0..W / 4 {
             let part = [&rows[0].as_chunks::<4>().0[k], &rows[1].as_chunks::<4>().0[k]];
             let rest = [&rows[2].as_chunks::<4>().0[k], &rows[3].as_chunks::<4>().0[k]];

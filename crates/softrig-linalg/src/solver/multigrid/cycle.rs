@@ -1,20 +1,16 @@
 //! The V-cycle.
 
 use super::SINGLE;
+use super::coarsest::Coarsest;
 use super::galerkin::{Galerkin, interpolate_add};
 use super::interpolation::Interpolation;
 use super::level::{Level, order_for};
 use super::settings::{Marking, MultigridSettings, Smoother};
-use crate::solver::factor::Factor;
 use crate::solver::free::{Blocks, FreePattern};
 use crate::solver::quads::Quads;
 use crate::solver::sliced::{Fault, Sliced};
 use crate::{CubeMatrix, Rows, Scalar, Traffic, par};
 use rayon::prelude::*;
-
-/// Relative shift of the coarsest diagonal: interpolation next to constraints can be rank deficient (numerics 5.3), and
-/// rounding of the operators to f32 can leave the smallest pivots below zero.
-const SHIFT: f64 = 1e-6;
 
 /// Products of a cycle and the iteration around it: smoothing before and after, the residual between, the iteration's own.
 fn products(smoother: Smoother) -> usize {
@@ -29,12 +25,7 @@ pub(crate) struct Cycle {
     levels: Vec<Level>,
     /// Between level `l` and `l + 1`.
     galerkin: Vec<Galerkin>,
-    coarsest: Option<Factor>,
-    coarsest_blocks: Blocks,
-    /// Whether the last factorisation came through.
-    factorised: bool,
-    coarsest_identity: Vec<bool>,
-    coarsest_rhs: Vec<f64>,
+    coarsest: Coarsest,
 }
 
 impl std::fmt::Debug for Cycle {
@@ -66,12 +57,13 @@ impl Cycle {
             if restricted.coarse_count == 0 {
                 break;
             }
-            let mut product = Galerkin::new(&fine, &restricted);
+            let matrix = levels[levels.len() - 1].matrix();
+            let mut product = Galerkin::new(&fine, matrix, &restricted);
             let mut colours = None;
             if let Some((order, starts)) = order_for(settings.smoother, &product.coarse_pattern(seen.clone())) {
                 seen = order.iter().map(|i| seen[*i as usize]).collect();
                 restricted = p.between(&kept, &seen);
-                product = Galerkin::new(&fine, &restricted);
+                product = Galerkin::new(&fine, matrix, &restricted);
                 colours = Some(starts);
             }
             kept = seen;
@@ -82,18 +74,7 @@ impl Cycle {
         if galerkin.is_empty() {
             return None;
         }
-        let n = fine.row_count();
-        let coarsest = Factor::new(&fine);
-        let (coarsest_identity, coarsest_rhs) = (vec![false; n], vec![0.0; 3 * n]);
-        Some(Self {
-            levels,
-            galerkin,
-            coarsest,
-            coarsest_blocks: fine,
-            factorised: false,
-            coarsest_identity,
-            coarsest_rhs,
-        })
+        Some(Self { levels, galerkin, coarsest: Coarsest::new(fine) })
     }
 
     /// Takes the rows of the system, whose pattern is `free`: products use these from now on.
@@ -158,24 +139,14 @@ impl Cycle {
     pub fn rebuild(&mut self) {
         for (l, galerkin) in self.galerkin.iter_mut().enumerate() {
             let (fine, coarse) = self.levels.split_at_mut(l + 1);
-            galerkin.refresh(&fine[l].pattern, &|row, k| fine[l].matrix().block(row, k));
+            galerkin.refresh(&fine[l].pattern, fine[l].matrix());
             // a diagonal block that has no inverse is left out of the smoothing
             let _ = coarse[0].load(&|row, k| galerkin.coarse_block(row, k));
         }
         for level in &mut self.levels {
             level.estimate_spectrum();
         }
-        self.factorise();
-    }
-
-    fn factorise(&mut self) {
-        let galerkin = &self.galerkin[self.galerkin.len() - 1];
-        let block_of = |row: usize, k: usize| galerkin.coarse_block(row, k).map(f64::from);
-        self.factorised = self.coarsest.as_mut().is_some_and(|factor| {
-            let loaded = factor.load(&self.coarsest_blocks, &block_of, &mut self.coarsest_identity);
-            factor.shift_diagonal(SHIFT, 1e-6);
-            loaded.and_then(|()| factor.factorise()).is_ok()
-        });
+        self.coarsest.expire();
     }
 
     /// `z = V r`: one cycle from zero.
@@ -195,10 +166,17 @@ impl Cycle {
 
     fn descend(&mut self, l: usize) {
         if l + 1 == self.levels.len() {
-            self.solve_coarsest();
+            self.coarsest.solve(&mut self.levels[l]);
             return;
         }
-        self.levels[l].smooth_from_zero();
+        let Self { levels, galerkin, coarsest } = self;
+        if coarsest.is_due() {
+            // on one thread, while the other ones smooth
+            let last = &galerkin[galerkin.len() - 1];
+            rayon::join(|| coarsest.factorise(last), || levels[l].smooth_from_zero());
+        } else {
+            levels[l].smooth_from_zero();
+        }
         let (fine, coarse) = self.levels.split_at_mut(l + 1);
         coarse[0].b.get_mut().fill([0.0; 4]);
         interpolate_add(self.galerkin[l].restriction(), fine[l].r.get(), coarse[0].b.get_mut());
@@ -206,22 +184,5 @@ impl Cycle {
         let (fine, coarse) = self.levels.split_at_mut(l + 1);
         interpolate_add(self.galerkin[l].interpolation(), coarse[0].x.get(), fine[l].x.get_mut());
         fine[l].smooth();
-    }
-
-    fn solve_coarsest(&mut self) {
-        let last = self.levels.len() - 1;
-        let level = &mut self.levels[last];
-        let Some(factor) = self.coarsest.as_mut().filter(|_| self.factorised) else {
-            // not positive definite even with the shift: smoothing alone is still a valid preconditioner
-            level.smooth_from_zero();
-            return;
-        };
-        for (to, b) in self.coarsest_rhs.as_chunks_mut::<3>().0.iter_mut().zip(level.b.get()) {
-            *to = [b[0], b[1], b[2]].map(f64::from);
-        }
-        factor.solve_in_place(&mut self.coarsest_rhs);
-        for (x, from) in level.x.get_mut().iter_mut().zip(self.coarsest_rhs.as_chunks::<3>().0) {
-            *x = [from[0] as f32, from[1] as f32, from[2] as f32, 0.0];
-        }
     }
 }

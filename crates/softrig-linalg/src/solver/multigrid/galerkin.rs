@@ -8,6 +8,7 @@
 use super::interpolation::{Interpolation, Weights};
 use super::pattern::Pattern;
 use crate::solver::free::{BlockRows, Blocks};
+use crate::solver::sliced::Sliced;
 use crate::{Kernel, par, run_wide};
 use rayon::prelude::*;
 
@@ -30,7 +31,8 @@ pub(super) struct Galerkin {
     /// For every coarse block: its place, or that of its mirror image, in what the row has from the diagonal on, which is what is
     /// computed.
     place: Vec<u16>,
-    /// Fine rows in the order of their nodes, which lie close together strip by strip.
+    /// Fine rows strip by strip: strips take them in the order of their nodes, which lie close together, and go through them in the order
+    /// of their places in memory.
     order: Vec<u32>,
     strips: Vec<Strip>,
     places: Places,
@@ -89,13 +91,13 @@ impl Places {
 }
 
 impl Galerkin {
-    /// `fine` has one row per row of `p`.
-    pub fn new(fine: &Blocks, p: &Interpolation) -> Self {
-        Self::in_strips(fine, p, [STRIP, COLUMNS])
+    /// `fine` has one row per row of `p`; `matrix` is where its numbers will be.
+    pub fn new(fine: &Blocks, matrix: &Sliced<f32>, p: &Interpolation) -> Self {
+        Self::in_strips(fine, matrix, p, [STRIP, COLUMNS])
     }
 
     /// Strips end after so many rows, or coarse columns.
-    fn in_strips(fine: &Blocks, p: &Interpolation, most: [usize; 2]) -> Self {
+    fn in_strips(fine: &Blocks, matrix: &Sliced<f32>, p: &Interpolation, most: [usize; 2]) -> Self {
         let pt = p.transposed();
         let ap = Pattern::of_product(fine.row_count(), p.coarse_count, |i, add| {
             for k in fine.row(i) {
@@ -112,19 +114,26 @@ impl Galerkin {
         let mut order: Vec<u32> = (0..fine.row_count() as u32).collect();
         order.sort_by_key(|row| fine.node[*row as usize]);
         let mut out = Self { p: p.into(), pt: (&pt).into(), coarse, place, order, ..Self::default() };
-        out.cut(fine, &ap, &upper, most);
+        out.cut(fine, matrix, &ap, &upper, most);
         out
     }
 
     /// Makes the strips and finds all places.
-    fn cut(&mut self, fine: &Blocks, ap: &Pattern, upper: &Pattern, [most_rows, most_columns]: [usize; 2]) {
+    fn cut(
+        &mut self,
+        fine: &Blocks,
+        matrix: &Sliced<f32>,
+        ap: &Pattern,
+        upper: &Pattern,
+        [most_rows, most_columns]: [usize; 2],
+    ) {
         let Self { p, order, strips, places, room, .. } = self;
         *room = (0..ap.row_count()).map(|i| ap.row(i).len()).max().unwrap_or(0);
         // coarse row and place in all parts
         let mut part: Vec<(u32, u32)> = Vec::new();
         let mut number = vec![ABSENT; upper.row_count()];
         let mut columns: Vec<u32> = Vec::new();
-        let (mut rest, mut row, mut len) = (&order[..], 0, 0);
+        let (mut rest, mut row, mut len) = (&mut order[..], 0, 0);
         while !rest.is_empty() {
             let strip = places.end(row, len);
             strips.push(strip);
@@ -140,8 +149,9 @@ impl Galerkin {
             }
             columns.sort_unstable();
             columns.iter().enumerate().for_each(|(n, c)| number[*c as usize] = n as u16);
-            let (rows, after) = rest.split_at(count);
+            let (rows, after) = rest.split_at_mut(count);
             (rest, row) = (after, row + count);
+            rows.sort_unstable_by_key(|i| matrix.place(*i as usize));
             let mut is_row = vec![false; columns.len()];
             for i in rows.iter().map(|i| *i as usize) {
                 let row = ap.columns(i);
@@ -221,14 +231,13 @@ impl Galerkin {
         if column < row { [m[0], m[3], m[6], m[1], m[4], m[7], m[2], m[5], m[8]] } else { m }
     }
 
-    /// Makes the coarse blocks for the fine ones, which are those of a symmetric matrix: column and numbers by row and
-    /// place in it.
-    pub fn refresh(&mut self, fine: &BlockRows, fine_block: &(impl Fn(usize, usize) -> (u32, [f32; 9]) + Sync)) {
+    /// Makes the coarse blocks for the fine ones, which are those of a symmetric matrix.
+    pub fn refresh(&mut self, fine: &BlockRows, matrix: &Sliced<f32>) {
         let mut parts = std::mem::take(&mut self.parts);
         let at = |s: usize| self.strips[s].part;
         par::divide(0..self.strips.len() - 1, 1, &at, &mut parts, &|strips, parts| {
             for s in strips {
-                run_wide::<f32, _>(FillStrip { all: self, fine, fine_block, s, parts: &mut *parts });
+                run_wide::<f32, _>(FillStrip { all: self, fine, matrix, s, parts: &mut *parts });
             }
         });
         self.parts = parts;
@@ -236,15 +245,15 @@ impl Galerkin {
 }
 
 /// What the rows of a strip add to coarse rows.
-struct FillStrip<'a, F> {
+struct FillStrip<'a> {
     all: &'a Galerkin,
     fine: &'a BlockRows,
-    fine_block: &'a F,
+    matrix: &'a Sliced<f32>,
     s: usize,
     parts: &'a mut [[f32; 9]],
 }
 
-impl<F: Fn(usize, usize) -> (u32, [f32; 9]) + Sync> Kernel for FillStrip<'_, F> {
+impl Kernel for FillStrip<'_> {
     type Output = ();
     #[inline(always)]
     fn run<const W: usize>(self) {
@@ -263,8 +272,7 @@ impl<F: Fn(usize, usize) -> (u32, [f32; 9]) + Sync> Kernel for FillStrip<'_, F> 
             let i = *i as usize;
             let row = &mut row[..list.len()];
             row.fill([0.0; 9]);
-            for k in 0..self.fine.row(i).len() {
-                let (column, a) = (self.fine_block)(i, k);
+            for (column, a) in self.matrix.blocks(i).take(self.fine.row(i).len()) {
                 for (w, at) in p.weight[p.row(column as usize)].iter().zip(&mut gather) {
                     add(&mut row[*at as usize], *w, &a);
                 }
@@ -338,9 +346,15 @@ mod tests {
                 std::array::from_fn(|e| number(3 * i + e / 3, 3 * j + e % 3))
             };
             // whole strips, or some that end early
-            let mut galerkin = Galerkin::in_strips(&fine, &p, [[STRIP, COLUMNS], [300, COLUMNS], [STRIP, 6]][case % 3]);
+            let n = fine.row_count();
+            let mut matrix = Sliced::new(&fine, &[0, n as u32]);
+            let (mut inverse, mut identity) = (vec![[[0.0; 4]; 3]; n], vec![false; n]);
+            // whatever the diagonal blocks are, the numbers are taken
+            let _ = matrix.load_blocks(&fine, &|_, k| block(k), &mut inverse, &mut identity);
+            let most = [[STRIP, COLUMNS], [300, COLUMNS], [STRIP, 6]][case % 3];
+            let mut galerkin = Galerkin::in_strips(&fine, &matrix, &p, most);
             assert!(galerkin.strips.len() > [1, 2, 4][case % 3] || case < 3);
-            galerkin.refresh(&fine, &|i, at| (fine.column[fine.row(i).start + at], block(fine.row(i).start + at)));
+            galerkin.refresh(&fine, &matrix);
             let mut dense = vec![vec![[0.0f64; 9]; p.coarse_count]; p.coarse_count];
             for i in 0..fine.row_count() {
                 for k in fine.row(i) {

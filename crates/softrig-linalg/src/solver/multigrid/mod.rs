@@ -8,6 +8,7 @@
 //! reported is the true residual.
 
 mod age;
+mod coarsest;
 mod colour;
 mod cycle;
 mod galerkin;

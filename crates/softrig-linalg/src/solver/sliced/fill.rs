@@ -4,6 +4,7 @@ use super::{Fault, SLICE, Sliced, Step};
 use crate::Scalar;
 use crate::solver::free::BlockRows;
 use crate::solver::pcg::kernel::{Inverse, inverse_of_block};
+use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 
@@ -62,12 +63,11 @@ impl<'a, A: Scalar> Fill<'a, A> {
         let own = self.pattern.diagonal[row] as usize - blocks_of_row.start;
         let count = blocks_of_row.len().min(steps.len());
         // zero times anything finite is zero
-        let (mut finite, mut any, mut diagonal) = ([A::zero(); 9], [A::zero(); 9], [A::zero(); 9]);
+        let (mut finite, mut diagonal) = ([A::zero(); 9], [A::zero(); 9]);
         let mut came = 0;
         for (k, block) in blocks.take(count).enumerate() {
             for i in 0..9 {
                 finite[i] += block[i] * A::zero();
-                any[i] = any[i].max(block[i].abs());
             }
             if k == own {
                 diagonal = block;
@@ -75,9 +75,8 @@ impl<'a, A: Scalar> Fill<'a, A> {
             self.write(steps.start + k, lane, &block);
             came += 1;
         }
-        let sum = |v: [A; 9]| v.into_iter().fold(A::zero(), |a, b| a + b);
-        let is_finite = sum(finite) == A::zero();
-        let empty = is_finite && sum(any) == A::zero();
+        let is_finite = finite.into_iter().fold(A::zero(), |a, b| a + b) == A::zero();
+        let empty = is_finite && diagonal == [A::zero(); 9] && self.is_empty(steps.start..steps.start + came, lane);
         if empty {
             (0..3).for_each(|i| diagonal[4 * i] = A::one());
             self.write(steps.start + own, lane, &diagonal);
@@ -96,6 +95,15 @@ impl<'a, A: Scalar> Fill<'a, A> {
             Some(_) => return,
         };
         self.blame(found);
+    }
+
+    /// Are these blocks of a row that the caller has claimed and written all zero?
+    #[cold]
+    fn is_empty(&self, mut steps: Range<usize>, lane: usize) -> bool {
+        // SAFETY: as in `write`; who has claimed a row may also read what it has written there.
+        let numbers = |step: usize| unsafe { self.values.0.add(step).cast::<A>().add(lane) };
+        // SAFETY: as above, nine numbers for each block.
+        steps.all(|step| (0..9).all(|i| unsafe { *numbers(step).add(SLICE * i) } == A::zero()))
     }
 
     #[inline(always)]
