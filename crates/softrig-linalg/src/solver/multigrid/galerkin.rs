@@ -220,7 +220,7 @@ impl Galerkin {
 
     /// Block `k` of the coarse pattern, which is in that row, as the last [`Self::refresh`] made it: the sum of its parts, or its
     /// mirror image.
-    #[inline]
+    #[inline(always)]
     pub fn coarse_block(&self, row: usize, k: usize) -> [f32; 9] {
         let column = self.coarse.column[k] as usize;
         let (first, at) = (row.min(column), usize::from(self.place[k]));

@@ -4,6 +4,7 @@ use super::{Job, failed};
 use crate::failure::Failure;
 use crate::load;
 use glam::{DQuat, DVec3};
+use rayon::prelude::*;
 use softrig::body::Body;
 use softrig::force::ElasticModel;
 use softrig::material::{Material, MaterialMap};
@@ -11,7 +12,7 @@ use softrig::mesh::{
     self, CellKind, HierarchyOptions, LatticeOptions, Prolongation, Resolution, VolumeMesh, hierarchy,
     nested_hierarchy, renumbered, tetrahedralize,
 };
-use softrig_linalg::{BlockCsr, DofConstraints, Scalar};
+use softrig_linalg::{BlockCsr, DofConstraints, Scalar, par};
 
 /// A body and what its solver needs.
 pub struct PaperBody {
@@ -129,7 +130,7 @@ impl Spine {
         let moved = |(x, bone): (&[f64; 3], &Option<usize>)| {
             bone.map_or(*x, |k| (frames[k].1 + frames[k].0 * (DVec3::from(*x) - self.joints[k])).into())
         };
-        mesh.nodes.iter().zip(&self.bone).map(moved).collect()
+        mesh.nodes.par_iter().zip(&self.bone).with_min_len(par::CHUNK).map(moved).collect()
     }
 
     /// Which nodes are bound.

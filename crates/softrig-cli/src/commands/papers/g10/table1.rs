@@ -4,11 +4,12 @@ use super::bodies::{PaperBody, bar, dragon, flesh, manikin};
 use super::{Job, Results, failed};
 use crate::commands::bench::{Clocks, Time, TimedModel, TimedSolver};
 use crate::failure::{Failure, Outcome};
+use rayon::prelude::*;
 use softrig::body::Body;
 use softrig::integrate::{Scheme, State, StepInput, StepOutput, implicit};
 use softrig::simulation::interpolations;
 use softrig_linalg::solver::{MultigridSettings, Rebuild, multigrid};
-use softrig_linalg::{DofConstraints, LinearSolver, Scalar};
+use softrig_linalg::{DofConstraints, LinearSolver, Scalar, par};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -101,11 +102,12 @@ fn measure<R: Scalar>(job: &Job, paper: &PaperBody, settings: MultigridSettings)
         let start = Instant::now();
         let time = f64::from(step + 1) * STEP;
         let bent = paper.spine.bent(&body.mesh, BEND * (std::f64::consts::TAU * time).sin());
-        let target: Vec<[R; 3]> = bent.iter().map(cast).collect();
+        let target: Vec<[R; 3]> = bent.par_iter().with_min_len(par::CHUNK).map(cast).collect();
         let inverse = R::from_f64(1.0 / STEP);
         let velocity: Vec<[R; 3]> = target
-            .iter()
+            .par_iter()
             .zip(&state.position)
+            .with_min_len(par::CHUNK)
             .map(|(to, from)| std::array::from_fn(|k| (to[k] - from[k]) * inverse))
             .collect();
         let input = StepInput {
