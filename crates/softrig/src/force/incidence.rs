@@ -159,7 +159,9 @@ impl Strips {
         }
         let Self { node, start, group, around, corners, .. } = &mut out;
         [node, group].into_iter().for_each(Vec::shrink_to_fit);
-        (start.shrink_to_fit(), around.shrink_to_fit(), corners.shrink_to_fit());
+        start.shrink_to_fit();
+        around.shrink_to_fit();
+        corners.shrink_to_fit();
         out
     }
 
