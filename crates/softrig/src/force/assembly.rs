@@ -1,4 +1,4 @@
-//! From cells to nodes: each node gathers its own force, each row its own blocks.
+//! From cells to nodes: each node gathers its own force, each row the blocks of its edges and hexahedra.
 //!
 //! No two threads write the same number and every sum has a fixed order, so results are bitwise equal for any thread count.
 #![allow(non_snake_case, reason = "symbols of the continuum mechanics literature")]
@@ -121,6 +121,7 @@ impl<R: Scalar> Kernel for RowKernel<'_, R> {
         edge_blocks::<R, W>(rows, strip, &mut edges);
         // the edges of the rows that came: the next that a later row will ask for
         let (mut cursor, mut next) = ([0usize; NODES], 0);
+        let mut sums = [[Quad::<R>::splat(R::zero()); 3]; WINDOW];
         let mut short = [[R::zero(); 9]; WINDOW];
         let mut long = Vec::new();
         for node in nodes.clone() {
@@ -153,7 +154,7 @@ impl<R: Scalar> Kernel for RowKernel<'_, R> {
                     }
                 }
             }
-            hex_row(rows, node, values);
+            hex_row(rows, node, &mut sums, values);
             // K maps rigid translations to zero: the diagonal is minus the sum of the others
             values[own] = [R::zero(); 9];
             let mut diagonal = [R::zero(); 9];
@@ -256,16 +257,15 @@ fn crowded_row<R: Scalar>(rows: &Rows<'_, R>, node: usize, values: &mut [[R; 9]]
 
 /// Adds K_ab = R Ke_ab Rᵀ of all hexahedra at a node.
 #[inline(always)]
-fn hex_row<R: Scalar>(rows: &Rows<'_, R>, node: usize, values: &mut [[R; 9]]) {
+fn hex_row<R: Scalar>(rows: &Rows<'_, R>, node: usize, sums: &mut [[Quad<R>; 3]; WINDOW], values: &mut [[R; 9]]) {
     if rows.hexes.at(node).0.is_empty() {
         return;
     }
-    let mut sums = [[Quad::<R>::splat(R::zero()); 3]; WINDOW];
     for (k, values) in values.chunks_mut(WINDOW).enumerate() {
         sums[..values.len()].fill([Wide::splat(R::zero()); 3]);
-        hex_window(rows, node, k * WINDOW, &mut sums);
-        for (value, sum) in values.iter_mut().zip(sums) {
-            value.iter_mut().zip(flat(sum)).for_each(|(v, s)| *v += s);
+        hex_window(rows, node, k * WINDOW, sums);
+        for (value, sum) in values.iter_mut().zip(&*sums) {
+            value.iter_mut().zip(flat(*sum)).for_each(|(v, s)| *v += s);
         }
     }
 }
