@@ -31,6 +31,17 @@ pub fn sum(len: usize, f: impl Fn(Range<usize>) -> f64 + Sync) -> f64 {
     total
 }
 
+/// Largest `f(i)` over `0..len`, and 0 for none of them or none above it. What is not a number does not count.
+pub fn max(len: usize, f: impl Fn(usize) -> f64 + Sync) -> f64 {
+    let of_chunk = |c: usize| (c * CHUNK..((c + 1) * CHUNK).min(len)).fold(0.0, |m: f64, i| m.max(f(i)));
+    (0..len.div_ceil(CHUNK)).into_par_iter().map(of_chunk).reduce(|| 0.0, f64::max)
+}
+
+/// The first of `0..len` that is as asked.
+pub fn first(len: usize, is: impl Fn(usize) -> bool + Sync) -> Option<usize> {
+    (0..len).into_par_iter().with_min_len(CHUNK).find_first(|i| is(*i))
+}
+
 /// Chunk `c` of items that are cut into chunks of `size`; empty past the last.
 #[inline(always)]
 pub fn chunk<T>(items: &[T], c: usize, size: usize) -> &[T] {

@@ -8,7 +8,7 @@ const PART: usize = 128;
 
 /// A matrix on a [`BlockPattern`] that hands out its rows, so that whoever wants them in another layout or other numbers does not
 /// need a copy of all of them.
-pub trait Rows<R>: Sync {
+pub trait Rows<R: Scalar>: Sync {
     /// Where its blocks are.
     fn pattern(&self) -> &Arc<BlockPattern>;
 
@@ -18,6 +18,16 @@ pub trait Rows<R>: Sync {
     /// Hands the rows of a part to `take`, one after the other: which it is, and its blocks in the order of the pattern. Each row
     /// of the matrix is in one part.
     fn for_rows(&self, part: usize, take: &mut dyn FnMut(usize, &[[R; 9]]));
+
+    /// As [`Self::for_rows`] for those who keep the blocks in f32, which may then also be made in f32.
+    fn for_rows_in_single(&self, part: usize, take: &mut dyn FnMut(usize, &[[f32; 9]])) {
+        let mut rounded = Vec::new();
+        self.for_rows(part, &mut |row, blocks| {
+            rounded.clear();
+            rounded.extend(blocks.iter().map(|block| block.map(|v| v.to_f64() as f32)));
+            take(row, &rounded);
+        });
+    }
 }
 
 impl<R: Scalar> Rows<R> for BlockCsr<R> {

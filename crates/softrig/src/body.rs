@@ -6,7 +6,7 @@ use crate::force::{
 };
 use crate::material::{MaterialError, MaterialMap};
 use crate::mesh::{CellKind, VolumeMesh};
-use softrig_linalg::{BlockCsr, BlockPattern, DofConstraints, Scalar};
+use softrig_linalg::{BlockCsr, BlockPattern, DofConstraints, Scalar, par};
 use std::sync::Arc;
 
 /// Least part of a cell that has mass: cells that hold only a crumb of flesh would otherwise be light and stiff, and turn
@@ -202,12 +202,11 @@ impl<R: Scalar> Body<R> {
 
     /// Kinetic energy of lumped masses [J].
     pub(crate) fn kinetic_energy(&self, velocity: &[[R; 3]]) -> f64 {
-        let mut energy = 0.0;
-        for (v, m) in velocity.iter().zip(&self.mass) {
-            let v = v.map(Scalar::to_f64);
-            energy += 0.5 * m.to_f64() * (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
-        }
-        energy
+        let of = |i: usize| {
+            let v = velocity[i].map(Scalar::to_f64);
+            0.5 * self.mass[i].to_f64() * (v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+        };
+        par::sum(velocity.len(), |range| range.map(of).sum())
     }
 
     /// Sum of the nodes' masses [kg].

@@ -112,9 +112,9 @@ impl<A: Scalar> FreeCubes<A> {
                 block.mu[l] = A::from_f64(mu.to_f64() * factor);
             }
         });
-        for (to, node) in self.diagonal.iter_mut().zip(&free.node) {
+        self.diagonal.par_iter_mut().zip(&free.node).with_min_len(par::CHUNK).for_each(|(to, node)| {
             *to = cast(matrix.diagonal[*node as usize]);
-        }
+        });
     }
 
     /// Inverts the diagonal blocks; one that has no inverse becomes zero.

@@ -83,6 +83,10 @@ impl<R: Scalar> LinearSolver<R> for Direct<R> {
         "direct"
     }
 
+    fn gains_from_a_start(&self) -> bool {
+        false
+    }
+
     fn preconditioner(&mut self) -> Option<&mut dyn Preconditioner<R>> {
         Some(self)
     }

@@ -5,7 +5,8 @@
 
 use super::SolveError;
 use super::sliced::Fault;
-use crate::{BlockPattern, DofConstraints, Scalar};
+use crate::{BlockPattern, DofConstraints, Scalar, par};
+use rayon::prelude::*;
 use std::ops::{Deref, Range};
 use std::sync::Arc;
 
@@ -106,8 +107,9 @@ impl FreePattern {
     /// Rows without entries: a numbering of nodes only.
     pub fn numbering(node: Vec<u32>) -> Self {
         let n = node.len();
+        let row_of = inverse(&node, n);
         let rows = BlockRows { node, row_start: vec![0; n + 1], diagonal: vec![0; n] };
-        Self { rows: Arc::new(rows), ..Self::default() }
+        Self { rows: Arc::new(rows), row_of, held: Vec::new() }
     }
 
     /// The same rows when other nodes are constrained; `None` when a free node has no row.
@@ -192,15 +194,11 @@ impl FreePattern {
     /// A power of two that brings the largest free entry of the right-hand side to [1, 2), so that no square over- or
     /// underflows; `None` when all are zero.
     pub fn scale_of<R: Scalar>(&self, rhs: &[[R; 3]]) -> Result<Option<f64>, SolveError> {
-        let mut largest = 0.0_f64;
-        for row in 0..self.row_count() {
-            for b in self.of_row(rhs, row) {
-                if !b.is_finite() {
-                    return Err(SolveError::NotFinite { node: self.node[row] as usize });
-                }
-                largest = largest.max(b.abs());
-            }
+        let bad = |row: usize| self.of_row(rhs, row).iter().any(|b| !b.is_finite());
+        if let Some(row) = par::first(self.row_count(), bad) {
+            return Err(SolveError::NotFinite { node: self.node[row] as usize });
         }
+        let largest = par::max(self.row_count(), |row| self.of_row(rhs, row).iter().fold(0.0, |m, b| b.abs().max(m)));
         // below 2^-1000 there is nothing left to solve for
         let exponent = largest.log2().floor().clamp(-1000.0, 1000.0);
         Ok((largest > 0.0).then(|| (-exponent).exp2()))
@@ -208,10 +206,12 @@ impl FreePattern {
 
     /// Writes a vector of free rows to the nodes, zero to constrained ones.
     pub fn scatter<A: Scalar, R: Scalar, const N: usize>(&self, free: &[[A; N]], nodes: &mut [[R; 3]]) {
-        nodes.fill([R::zero(); 3]);
-        for (node, x) in self.node.iter().zip(free) {
-            nodes[*node as usize] = std::array::from_fn(|k| R::from_f64(x[k].to_f64()));
-        }
+        nodes.par_iter_mut().enumerate().with_min_len(par::CHUNK).for_each(|(node, out)| {
+            *out = match self.row_of(node).and_then(|row| free.get(row)) {
+                Some(x) => std::array::from_fn(|k| R::from_f64(x[k].to_f64())),
+                None => [R::zero(); 3],
+            };
+        });
     }
 }
 

@@ -136,6 +136,11 @@ pub trait LinearSolver<R: Scalar>: Send {
     /// Drops what a solve may keep from earlier ones, so that the next one depends on its arguments only.
     fn forget(&mut self) {}
 
+    /// Is a smaller right-hand side with the same error less work? Not for solvers that do the same whatever it is.
+    fn gains_from_a_start(&self) -> bool {
+        true
+    }
+
     /// What an iteration reads and writes, by count; `None` for solvers that do not count it.
     fn traffic(&self) -> Option<Traffic> {
         None

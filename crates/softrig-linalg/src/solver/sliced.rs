@@ -72,21 +72,38 @@ pub(super) enum Fault {
     Missing { row: usize },
 }
 
+/// Rows of the chunks of a matrix.
+fn chunks(breaks: &[u32]) -> impl Iterator<Item = Range<usize>> + '_ {
+    let part = |part: &[u32]| {
+        let end = part[1] as usize;
+        (part[0] as usize..end).step_by(ROWS).map(move |first| first..(first + ROWS).min(end))
+    };
+    breaks.windows(2).flat_map(part)
+}
+
+/// The order in which a chunk has its rows.
+fn sort(pattern: &Blocks, rows: &mut [u32]) {
+    rows.sort_by_key(|row| std::cmp::Reverse(pattern.row(*row as usize).len()));
+}
+
+/// Sorts rows in such an order that a matrix with the same breaks, of rows in that order, takes them one after the other: what belongs to
+/// them is then read as it lies in memory.
+pub(super) fn sort_rows(pattern: &Blocks, breaks: &[u32], order: &mut [u32]) {
+    chunks(breaks).for_each(|chunk| sort(pattern, &mut order[chunk]));
+}
+
 impl<A: Scalar> Sliced<A> {
     /// A matrix on that pattern, all zero. Chunks also end at the rows of `breaks` (ascending, from 0 to the number of rows).
     pub fn new(pattern: &Blocks, breaks: &[u32]) -> Self {
         let place = vec![0; pattern.row_count()];
         let mut layout = Layout { start: vec![0], chunk: vec![0], first_row: vec![0], place, ..Layout::default() };
-        let mut order: Vec<usize> = Vec::with_capacity(ROWS);
-        for part in breaks.windows(2) {
-            for first in (part[0] as usize..part[1] as usize).step_by(ROWS) {
-                order.clear();
-                order.extend(first..(first + ROWS).min(part[1] as usize));
-                order.sort_by_key(|r| std::cmp::Reverse(pattern.row(*r).len()));
-                order.chunks(SLICE).for_each(|slice| layout.push(pattern, first, slice));
-                layout.chunk.push(layout.row.len() as u32);
-                layout.first_row.push((first + order.len()) as u32);
-            }
+        let mut order: Vec<u32> = (0..pattern.row_count() as u32).collect();
+        for chunk in chunks(breaks) {
+            let (first, order) = (chunk.start, &mut order[chunk.clone()]);
+            sort(pattern, order);
+            order.chunks(SLICE).for_each(|slice| layout.push(pattern, first, slice));
+            layout.chunk.push(layout.row.len() as u32);
+            layout.first_row.push(chunk.end as u32);
         }
         layout.column.shrink_to_fit();
         layout.row.shrink_to_fit();
@@ -117,13 +134,14 @@ impl<A: Scalar> Sliced<A> {
         inverse: &mut [Inverse<A>],
         identity: &mut [bool],
     ) -> Result<(), Fault> {
-        let column = rows.pattern().column();
         let fill = Fill::new(self, free, inverse, identity);
+        let columns = |node: usize| &rows.pattern().column()[rows.pattern().row(node)];
         (0..rows.part_count()).into_par_iter().for_each(|part| {
-            rows.for_rows(part, &mut |node, blocks| {
-                let Some(row) = free.row_of(node) else { return };
-                fill.take(row, free.blocks_of(row, &column[rows.pattern().row(node)], blocks));
-            });
+            if A::NAME == f32::NAME {
+                rows.for_rows_in_single(part, &mut |node, blocks| fill.take_node(free, node, columns(node), blocks));
+            } else {
+                rows.for_rows(part, &mut |node, blocks| fill.take_node(free, node, columns(node), blocks));
+            }
         });
         fill.finish()
     }
@@ -214,15 +232,15 @@ impl<A: Scalar> Sliced<A> {
 }
 
 impl Layout {
-    fn push(&mut self, pattern: &Blocks, first: usize, slice: &[usize]) {
+    fn push(&mut self, pattern: &Blocks, first: usize, slice: &[u32]) {
         let first_place = self.row.len() * SLICE;
-        slice.iter().enumerate().for_each(|(l, row)| self.place[*row] = (first_place + l) as u32);
-        self.row.push(std::array::from_fn(|l| slice.get(l).map_or(0, |r| (r - first) as u16)));
+        slice.iter().enumerate().for_each(|(l, row)| self.place[*row as usize] = (first_place + l) as u32);
+        self.row.push(std::array::from_fn(|l| slice.get(l).map_or(0, |r| (*r as usize - first) as u16)));
         self.filled.push(slice.len() as u8);
-        for step in 0..pattern.row(slice[0]).len() {
-            let block = |l: usize| slice.get(l).and_then(|r| pattern.row(*r).nth(step));
+        for step in 0..pattern.row(slice[0] as usize).len() {
+            let block = |l: usize| slice.get(l).and_then(|r| pattern.row(*r as usize).nth(step));
             // filled up with the row itself, which is in the cache
-            let own = |l: usize| *slice.get(l).unwrap_or(&slice[0]) as u32;
+            let own = |l: usize| *slice.get(l).unwrap_or(&slice[0]);
             self.column.push(std::array::from_fn(|l| block(l).map_or(own(l), |k| pattern.column[k])));
         }
         self.start.push(self.column.len() as u32);

@@ -87,7 +87,7 @@ impl<R: Scalar> Rows<'_, R> {
         par::divide(0..self.strips.count(), STRIPS, &start, values, &|strips, values| {
             let mut rest = values;
             for strip in strips {
-                self.hand_out(strip, &mut |_, blocks| {
+                self.hand_out(strip, &mut |_, blocks: &mut [[R; 9]]| {
                     let (values, after) = std::mem::take(&mut rest).split_at_mut(blocks.len());
                     values.copy_from_slice(blocks);
                     rest = after;
@@ -96,33 +96,38 @@ impl<R: Scalar> Rows<'_, R> {
         });
     }
 
-    /// Hands the row of each node of a strip to `take`, in order.
-    pub(super) fn hand_out(&self, strip: usize, take: &mut dyn FnMut(usize, &mut [[R; 9]])) {
+    /// Hands the row of each node of a strip to `take`, in order, summed up in the numbers that `take` wants.
+    pub(super) fn hand_out<A: Scalar>(&self, strip: usize, take: &mut dyn FnMut(usize, &mut [[A; 9]])) {
         run_wide::<R, _>(RowKernel { rows: self, strip, take });
     }
 }
 
-struct RowKernel<'a, R> {
+struct RowKernel<'a, R, A> {
     rows: &'a Rows<'a, R>,
     strip: usize,
-    take: &'a mut dyn FnMut(usize, &mut [[R; 9]]),
+    take: &'a mut dyn FnMut(usize, &mut [[A; 9]]),
 }
 
-type Quad<R> = Wide<R, 4>;
+type Quad<A> = Wide<A, 4>;
 
-impl<R: Scalar> Kernel for RowKernel<'_, R> {
+#[inline(always)]
+fn cast<R: Scalar, A: Scalar>(v: R) -> A {
+    A::from_f64(v.to_f64())
+}
+
+impl<R: Scalar, A: Scalar> Kernel for RowKernel<'_, R, A> {
     type Output = ();
     /// Rows of 3x3 blocks as four lanes, the fourth idle; cells are turned as many at a time as the machine likes.
     #[inline(always)]
     fn run<const W: usize>(self) {
         let Self { rows, strip, take } = self;
         let (pattern, nodes) = (rows.pattern, rows.strips.nodes(strip));
-        let mut edges = Stacked::<[R; 9], EDGES>::new();
-        edge_blocks::<R, W>(rows, strip, &mut edges);
+        let mut edges = Stacked::<[A; 9], EDGES>::new();
+        edge_blocks::<R, A, W>(rows, strip, &mut edges);
         // the edges of the rows that came: the next that a later row will ask for
         let (mut cursor, mut next) = ([0usize; NODES], 0);
-        let mut sums = [[Quad::<R>::splat(R::zero()); 3]; WINDOW];
-        let mut short = [[R::zero(); 9]; WINDOW];
+        let mut sums = [[Quad::<A>::splat(A::zero()); 3]; WINDOW];
+        let mut short = [[A::zero(); 9]; WINDOW];
         let mut long = Vec::new();
         for node in nodes.clone() {
             let row = pattern.row(node);
@@ -130,13 +135,13 @@ impl<R: Scalar> Kernel for RowKernel<'_, R> {
             let values = match short.get_mut(..row.len()) {
                 Some(short) => short,
                 None => {
-                    long.resize(row.len(), [R::zero(); 9]);
+                    long.resize(row.len(), [A::zero(); 9]);
                     &mut long[..]
                 }
             };
             let own = pattern.diagonal()[node] as usize - row.start;
             if edges.is_empty() {
-                values.fill([R::zero(); 9]);
+                values.fill([A::zero(); 9]);
                 crowded_row(rows, node, values);
             } else {
                 for (k, (value, column)) in values.iter_mut().zip(columns).enumerate() {
@@ -156,8 +161,8 @@ impl<R: Scalar> Kernel for RowKernel<'_, R> {
             }
             hex_row(rows, node, &mut sums, values);
             // K maps rigid translations to zero: the diagonal is minus the sum of the others
-            values[own] = [R::zero(); 9];
-            let mut diagonal = [R::zero(); 9];
+            values[own] = [A::zero(); 9];
+            let mut diagonal = [A::zero(); 9];
             for value in &*values {
                 for i in 0..9 {
                     diagonal[i] -= value[i];
@@ -192,12 +197,16 @@ fn block_of<R: Scalar>([x, y, z]: [Quad<R>; 3], scaled: [Quad<R>; 3]) -> [R; 9] 
 /// Blocks of all edges of a strip, from G = Σ h_a h_bᵀ over the cells around an edge, which has it all where lam / mu is the same for all
 /// of them. An edge of two rows is computed once.
 #[inline(always)]
-fn edge_blocks<R: Scalar, const W: usize>(rows: &Rows<'_, R>, strip: usize, edges: &mut Stacked<[R; 9], EDGES>) {
+fn edge_blocks<R: Scalar, A: Scalar, const W: usize>(
+    rows: &Rows<'_, R>,
+    strip: usize,
+    edges: &mut Stacked<[A; 9], EDGES>,
+) {
     let (groups, around, mut rest) = rows.strips.edges(strip);
-    let mut warped = Stacked::<Warped<R>, { GROUPS * GROUP }>::new();
-    let mut near = [[[R::zero(); 4]; 4]; GROUP];
+    let mut warped = Stacked::<Warped<A>, { GROUPS * GROUP }>::new();
+    let mut near = [[[A::zero(); 4]; 4]; GROUP];
     for group in groups {
-        warp::<R, W>(rows.tets, rows.tet_q, *group as usize, [rows.rate, rows.damping], &mut near);
+        warp::<R, A, W>(rows.tets, rows.tet_q, *group as usize, [rows.rate, rows.damping], &mut near);
         for cell in near {
             warped.push(cell);
         }
@@ -206,8 +215,8 @@ fn edge_blocks<R: Scalar, const W: usize>(rows: &Rows<'_, R>, strip: usize, edge
     for count in around {
         let (corners, after) = rest.split_at(usize::from(*count));
         rest = after;
-        let mut G = [Quad::<R>::splat(R::zero()); 3];
-        if let Some(ratio) = rows.ratio {
+        let mut G = [Quad::<A>::splat(A::zero()); 3];
+        if let Some(ratio) = rows.ratio.map(cast) {
             for corner in corners {
                 let (a, b) = ends(warped, *corner);
                 for i in 0..3 {
@@ -240,11 +249,11 @@ fn ends<R>(warped: &[Warped<R>], corner: u16) -> (&[R; 4], &[R; 4]) {
 
 /// Blocks of the row of a crowded node. Out of line: meshes have none, or few.
 #[inline(never)]
-fn crowded_row<R: Scalar>(rows: &Rows<'_, R>, node: usize, values: &mut [[R; 9]]) {
-    let mut near = [[[R::zero(); 4]; 4]; GROUP];
+fn crowded_row<R: Scalar, A: Scalar>(rows: &Rows<'_, R>, node: usize, values: &mut [[A; 9]]) {
+    let mut near = [[[A::zero(); 4]; 4]; GROUP];
     for Corner { slot, block } in rows.strips.crowded(node) {
         let (cell, a) = (*slot as usize / 4, *slot as usize % 4);
-        warp::<R, 1>(rows.tets, rows.tet_q, cell / GROUP, [rows.rate, rows.damping], &mut near);
+        warp::<R, A, 1>(rows.tets, rows.tet_q, cell / GROUP, [rows.rate, rows.damping], &mut near);
         let h = &near[cell % GROUP];
         for (k, at) in block.iter().enumerate() {
             let G = h[a].map(|v| Wide(h[(a + 1 + k) % 4]) * Wide::splat(v));
@@ -257,12 +266,17 @@ fn crowded_row<R: Scalar>(rows: &Rows<'_, R>, node: usize, values: &mut [[R; 9]]
 
 /// Adds K_ab = R Ke_ab Rᵀ of all hexahedra at a node.
 #[inline(always)]
-fn hex_row<R: Scalar>(rows: &Rows<'_, R>, node: usize, sums: &mut [[Quad<R>; 3]; WINDOW], values: &mut [[R; 9]]) {
+fn hex_row<R: Scalar, A: Scalar>(
+    rows: &Rows<'_, R>,
+    node: usize,
+    sums: &mut [[Quad<A>; 3]; WINDOW],
+    values: &mut [[A; 9]],
+) {
     if rows.hexes.at(node).0.is_empty() {
         return;
     }
     for (k, values) in values.chunks_mut(WINDOW).enumerate() {
-        sums[..values.len()].fill([Wide::splat(R::zero()); 3]);
+        sums[..values.len()].fill([Wide::splat(A::zero()); 3]);
         hex_window(rows, node, k * WINDOW, sums);
         for (value, sum) in values.iter_mut().zip(&*sums) {
             value.iter_mut().zip(flat(*sum)).for_each(|(v, s)| *v += s);
@@ -272,17 +286,18 @@ fn hex_row<R: Scalar>(rows: &Rows<'_, R>, node: usize, sums: &mut [[Quad<R>; 3];
 
 /// The same for the blocks of a window, which are summed in registers' shape.
 #[inline(always)]
-fn hex_window<R: Scalar>(rows: &Rows<'_, R>, node: usize, window: usize, sums: &mut [[Quad<R>; 3]; WINDOW]) {
+fn hex_window<R: Scalar, A: Scalar>(rows: &Rows<'_, R>, node: usize, window: usize, sums: &mut [[Quad<A>; 3]; WINDOW]) {
     let (slots, blocks) = rows.hexes.at(node);
     for (slot, block) in slots.iter().zip(blocks) {
         let slot = *slot as usize;
         let (cell, a) = (slot / 8, slot % 8);
         let (columns, shape) = columns(rows.hex_blocks, rows.hex_q, cell);
-        let scale = columns[0][3] * (R::one() + rows.rate * (columns[1][3] + rows.damping));
+        let scale: A = cast(columns[0][3] * (R::one() + rows.rate * (columns[1][3] + rows.damping)));
+        let columns = columns.map(|column| column.map(cast::<R, A>));
         let transposed = [Wide(columns[0]), Wide(columns[1]), Wide(columns[2])];
         let shape = &rows.shapes[shape as usize];
         // rows of scale * R
-        let mut rot = [[R::zero(); 3]; 3];
+        let mut rot = [[A::zero(); 3]; 3];
         for i in 0..3 {
             for j in 0..3 {
                 rot[i][j] = columns[j][i] * scale;
@@ -296,7 +311,7 @@ fn hex_window<R: Scalar>(rows: &Rows<'_, R>, node: usize, window: usize, sums: &
             let K = &shape.stiffness[a][b];
             let mut C = transposed;
             for i in 0..3 {
-                let [x, y, z] = K[i];
+                let [x, y, z] = K[i].map(cast::<R, A>);
                 C[i] = transposed[0] * Wide::splat(x) + transposed[1] * Wide::splat(y) + transposed[2] * Wide::splat(z);
             }
             let sum = &mut sums[at];

@@ -257,6 +257,10 @@ impl<R: Scalar> ForceModel<R> for Corotated<R> {
         self.rows(rate, damping).hand_out(part, take);
     }
 
+    fn stiffness_rows_in_single(&self, rate: R, damping: R, part: usize, take: &mut dyn FnMut(usize, &mut [[f32; 9]])) {
+        self.rows(rate, damping).hand_out(part, take);
+    }
+
     fn cube_pattern(&self) -> Option<Arc<CubePattern>> {
         self.cubes.clone()
     }

@@ -71,6 +71,16 @@ pub trait ForceModel<R: Scalar>: Send + Sync {
     /// of the pattern, which `take` may change. Each row is in one part. Parts may be made on several threads at once.
     fn stiffness_rows(&self, _rate: R, _damping: R, _part: usize, _take: &mut dyn FnMut(usize, &mut [[R; 9]])) {}
 
+    /// As [`Self::stiffness_rows`] for those who keep the rows in f32; a model may also sum them up in f32.
+    fn stiffness_rows_in_single(&self, rate: R, damping: R, part: usize, take: &mut dyn FnMut(usize, &mut [[f32; 9]])) {
+        let mut rounded = Vec::new();
+        self.stiffness_rows(rate, damping, part, &mut |node, blocks| {
+            rounded.clear();
+            rounded.extend(blocks.iter().map(|block| block.map(|v| v.to_f64() as f32)));
+            take(node, &mut rounded);
+        });
+    }
+
     /// The cells as cubes, where that is what all of them are: then [`Self::cubes`] gives the stiffness without assembling it.
     fn cube_pattern(&self) -> Option<Arc<CubePattern>> {
         None

@@ -92,34 +92,34 @@ impl<R: Scalar> Kernel for Rotate<'_, R> {
 /// c K_ab = (lam / mu) h_a h_bᵀ + h_b h_aᵀ + (h_a . h_b) I; and lam / mu in the fourth place of the first.
 pub(super) type Warped<R> = [[R; 4]; 4];
 
-/// The cells of a group as the assembly reads them; `factors` are rate and damping.
+/// The cells of a group as the assembly reads them, in its numbers; `factors` are rate and damping.
 #[inline(always)]
-pub(super) fn warp<R: Scalar, const W: usize>(
+pub(super) fn warp<R: Scalar, A: Scalar, const W: usize>(
     tets: &Tets<R>,
     q: &[[[R; BLOCK]; 4]],
     group: usize,
     factors: [R; 2],
-    warped: &mut [Warped<R>; GROUP],
+    warped: &mut [Warped<A>; GROUP],
 ) {
     let block = group * GROUP / BLOCK;
     let first = group * GROUP % BLOCK;
     if W > GROUP {
-        warp_lanes::<R, GROUP>(tets, q, block, first, factors, warped);
+        warp_lanes::<R, A, GROUP>(tets, q, block, first, factors, warped);
     } else {
         for k in (0..GROUP).step_by(W) {
-            warp_lanes::<R, W>(tets, q, block, first + k, factors, &mut warped[k..]);
+            warp_lanes::<R, A, W>(tets, q, block, first + k, factors, &mut warped[k..]);
         }
     }
 }
 
 #[inline(always)]
-fn warp_lanes<R: Scalar, const W: usize>(
+fn warp_lanes<R: Scalar, A: Scalar, const W: usize>(
     tets: &Tets<R>,
     q: &[[[R; BLOCK]; 4]],
     block: usize,
     first: usize,
     [rate, damping]: [R; 2],
-    warped: &mut [Warped<R>],
+    warped: &mut [Warped<A>],
 ) {
     let rot = rotation(load_q::<R, W>(&q[block], first));
     let g = tets.gradients::<W>(block, first);
@@ -137,11 +137,11 @@ fn warp_lanes<R: Scalar, const W: usize>(
             let part = [&rows[0].as_chunks::<4>().0[k], &rows[1].as_chunks::<4>().0[k]];
             let rest = [&rows[2].as_chunks::<4>().0[k], &rows[3].as_chunks::<4>().0[k]];
             for (out, quad) in warped[4 * k..].iter_mut().zip(R::transposed([part[0], part[1], rest[0], rest[1]])) {
-                out[a] = quad;
+                out[a] = quad.map(|v| A::from_f64(v.to_f64()));
             }
         }
         for i in W - W % 4..W {
-            warped[i][a] = [rows[0][i], rows[1][i], rows[2][i], rows[3][i]];
+            warped[i][a] = [rows[0][i], rows[1][i], rows[2][i], rows[3][i]].map(|v| A::from_f64(v.to_f64()));
         }
     }
 }

@@ -6,7 +6,7 @@
 
 use super::{Implicit, Integrator, Scheme, State, StepError, StepInput, StepOutput};
 use crate::body::Body;
-use softrig_linalg::{LinearSolver, Scalar};
+use softrig_linalg::{LinearSolver, Scalar, par};
 
 /// An [`Implicit`] method with implicit Euler to fall back on.
 pub struct Guarded<R> {
@@ -120,18 +120,14 @@ struct Bound {
 impl Bound {
     fn new<R: Scalar>(body: &Body<R>, input: &StepInput<'_, R>) -> Self {
         let size = body.mesh.bounds().map_or(0.0, |(lo, hi)| length([hi[0] - lo[0], hi[1] - lo[1], hi[2] - lo[2]]));
-        let (mut gravity, mut bone) = (0.0f64, 0.0f64);
-        for i in 0..body.mass.len() {
-            let m = body.mass[i].to_f64();
-            if m == 0.0 {
-                continue;
-            }
-            if body.constraints.is_constrained(i) {
-                bone = bone.max(length(input.target_velocity[i].map(Scalar::to_f64)));
-            } else {
-                gravity = gravity.max(length(input.external_force[i].map(Scalar::to_f64)) / m);
-            }
-        }
+        let n = body.mass.len();
+        let of = |held: bool, i: usize, v: &[[R; 3]]| {
+            let counts = body.mass[i] != R::zero() && body.constraints.is_constrained(i) == held;
+            if counts { length(v[i].map(Scalar::to_f64)) } else { 0.0 }
+        };
+        let bone = par::max(n, |i| of(true, i, input.target_velocity));
+        // nothing over nothing does not count
+        let gravity = par::max(n, |i| of(false, i, input.external_force) / body.mass[i].to_f64());
         // at least what gravity could give, so that a body without forces is not frozen by rounding
         let fall = gravity.max(9.81) * size;
         Self { energy: 2.0 * body.total_mass() * (fall + 2.0 * bone * bone), speed: 3.0 * ((2.0 * fall).sqrt() + bone) }
@@ -147,16 +143,12 @@ fn motion<R: Scalar>(body: &Body<R>, state: &State<R>) -> Motion {
             (0..3).for_each(|k| mean[k] += v[k].to_f64() * m.to_f64() / mass);
         }
     }
-    let mut out = Motion { kinetic: 0.0, speed: 0.0 };
-    for i in 0..state.velocity.len() {
-        let v = state.velocity[i];
-        let speed = length(std::array::from_fn(|k| v[k].to_f64() - mean[k]));
-        out.kinetic += 0.5 * body.mass[i].to_f64() * speed * speed;
-        if !body.constraints.is_constrained(i) {
-            out.speed = out.speed.max(speed);
-        }
+    let n = state.velocity.len();
+    let speed = |i: usize| length(std::array::from_fn(|k| state.velocity[i][k].to_f64() - mean[k]));
+    Motion {
+        kinetic: par::sum(n, |range| range.map(|i| 0.5 * body.mass[i].to_f64() * speed(i) * speed(i)).sum()),
+        speed: par::max(n, |i| if body.constraints.is_constrained(i) { 0.0 } else { speed(i) }),
     }
-    out
 }
 
 fn length(v: [f64; 3]) -> f64 {

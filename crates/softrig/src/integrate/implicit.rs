@@ -231,29 +231,30 @@ impl<R: Scalar> Implicit<R> {
         let time = state.time;
         let c = self.scheme.constants(input.dt);
         let n = state.position.len();
-        for i in 0..n {
-            self.d[i] = self.start.get(i).copied().unwrap_or([R::zero(); 3]);
-            if body.constraints.is_constrained(i) {
-                self.d[i] = [R::zero(); 3];
+        let (start, still) = (&self.start, &*body);
+        let both = self.d.par_iter_mut().zip(&mut self.x).enumerate().with_min_len(par::CHUNK);
+        both.for_each(|(i, (d, x))| {
+            *d = start.get(i).copied().unwrap_or([R::zero(); 3]);
+            if still.constraints.is_constrained(i) {
+                *d = [R::zero(); 3];
             }
-            if body.constraints.is_constrained(i) && !held(body, i) {
-                self.d[i] = std::array::from_fn(|k| input.target_position[i][k] - state.position[i][k]);
+            if still.constraints.is_constrained(i) && !held(still, i) {
+                *d = std::array::from_fn(|k| input.target_position[i][k] - state.position[i][k]);
             }
-            self.x[i] = state.position[i];
-        }
+            *x = state.position[i];
+        });
         (output.iterations, output.residual, output.converged) = (0, 0.0, true);
         let mut first = 0.0;
         for linearisation in 0..self.linearisations.max(1) {
             body.model.linearise(&self.x);
             // d counts only while x does not contain it, and then only prescribed and linked nodes have one
-            let moved = linearisation == 0 && self.d.iter().flatten().any(|d| *d != R::zero());
+            let moved = linearisation == 0 && par::first(n, |i| self.d[i] != [R::zero(); 3]).is_some();
             output.elastic_energy = self.forces(body, &c, input, state, moved);
             let mut norm = self.residual(body, &c, input, state);
             if linearisation == 0 {
                 first = norm;
-                // costs as much as an iteration: pays where later linearisations make the digits of the first ones cheap
                 // linked nodes start where their links want them
-                if self.linearisations > 1 && self.start.is_empty() {
+                if self.start.is_empty() && solver.gains_from_a_start() {
                     norm = self.lead(body, &c, input, state, norm);
                 }
             }
@@ -276,25 +277,24 @@ impl<R: Scalar> Implicit<R> {
                 output.residual = report.residual / ratio;
                 output.converged = report.converged;
             }
-            for i in 0..n {
-                if !body.constraints.is_constrained(i) {
-                    (0..3).for_each(|k| self.d[i][k] += self.correction[i][k]);
+            let (correction, still) = (&self.correction, &*body);
+            let both = self.d.par_iter_mut().zip(&mut self.x).enumerate().with_min_len(par::CHUNK);
+            both.for_each(|(i, (d, x))| {
+                if !still.constraints.is_constrained(i) {
+                    (0..3).for_each(|k| d[k] += correction[i][k]);
                 }
-                if !held(body, i) {
-                    self.x[i] = std::array::from_fn(|k| state.position[i][k] + self.d[i][k]);
+                if !held(still, i) {
+                    *x = std::array::from_fn(|k| state.position[i][k] + d[k]);
                 }
-            }
-        }
-        // prescribed nodes are exactly where they were asked to be
-        for i in 0..n {
-            if body.constraints.is_constrained(i) && !held(body, i) {
-                self.x[i] = input.target_position[i];
-            }
+                // prescribed nodes are exactly where they were asked to be
+                if last && still.constraints.is_constrained(i) && !held(still, i) {
+                    *x = input.target_position[i];
+                }
+            });
         }
         finite("position", time, &self.x)?;
         let velocity = |i: usize| self.motion(body, &c, input, state, i)[0];
-        let bad = |i: &usize| !velocity(*i).iter().all(|v| v.is_finite());
-        if let Some(node) = (0..n).into_par_iter().with_min_len(par::CHUNK).find_first(bad) {
+        if let Some(node) = par::first(n, |i| !velocity(i).iter().all(|v| v.is_finite())) {
             return Err(StepError::NotFinite { time, what: "velocity", node });
         }
         if input.reactions {

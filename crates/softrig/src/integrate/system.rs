@@ -1,6 +1,7 @@
 //! The linear system of a step, assembled only for solvers that read its entries.
 
 use crate::body::Body;
+use rayon::prelude::*;
 use softrig_linalg::{BlockCsr, BlockPattern, CubeMatrix, LinearSystem, Rows, Scalar, par};
 use std::sync::Arc;
 
@@ -29,7 +30,7 @@ impl<'a, R: Scalar> StepSystem<'a, R> {
         if let Some(cubes) = &mut cubes {
             body.model.cubes(factors.0, body.stiffness_damping, cubes);
             let diagonal = diagonal(body, factors);
-            cubes.diagonal.iter_mut().enumerate().for_each(|(i, d)| *d = diagonal(i));
+            cubes.diagonal.par_iter_mut().enumerate().with_min_len(par::CHUNK).for_each(|(i, d)| *d = diagonal(i));
         }
         Self { body, factors, matrix, cubes, assembled: false }
     }
@@ -49,6 +50,17 @@ fn lumped<'a, R: Scalar>(
     (vd, ad): (R, R),
 ) -> impl Fn(usize) -> R + Sync + 'a {
     move |i| vd * (drag[i] + mass_damping * mass[i]) + ad * mass[i]
+}
+
+/// Replaces x by (K + vd C + ad M) x, where a body can do that without the matrix; otherwise returns false.
+pub(super) fn product<R: Scalar>(body: &mut Body<R>, (vd, ad): (f64, f64), x: &mut [[R; 3]]) -> bool {
+    multiply(body, (R::from_f64(vd), R::from_f64(ad)), x)
+}
+
+fn multiply<R: Scalar>(body: &mut Body<R>, factors: (R, R), x: &mut [[R; 3]]) -> bool {
+    let Body { model, mass, drag, mass_damping, stiffness_damping, consistent_mass, .. } = body;
+    let diagonal = lumped(mass, drag, *mass_damping, factors);
+    consistent_mass.is_none() && model.product(factors.0, *stiffness_damping, &diagonal, x)
 }
 
 impl<R: Scalar> LinearSystem<R> for StepSystem<'_, R> {
@@ -83,9 +95,7 @@ impl<R: Scalar> LinearSystem<R> for StepSystem<'_, R> {
     }
 
     fn product(&mut self, x: &mut [[R; 3]]) -> bool {
-        let Body { model, mass, drag, mass_damping, stiffness_damping, consistent_mass, .. } = &mut *self.body;
-        let diagonal = lumped(mass, drag, *mass_damping, self.factors);
-        consistent_mass.is_none() && model.product(self.factors.0, *stiffness_damping, &diagonal, x)
+        multiply(self.body, self.factors, x)
     }
 
     fn cubes(&mut self) -> Option<&CubeMatrix<R>> {
@@ -111,6 +121,16 @@ impl<R: Scalar> Rows<R> for StepSystem<'_, R> {
         self.body.model.stiffness_rows(self.factors.0, self.body.stiffness_damping, part, &mut |node, blocks| {
             let own = pattern.diagonal()[node] as usize - pattern.row_start()[node] as usize;
             (0..3).for_each(|k| blocks[own][4 * k] += diagonal(node));
+            take(node, blocks);
+        });
+    }
+
+    fn for_rows_in_single(&self, part: usize, take: &mut dyn FnMut(usize, &[[f32; 9]])) {
+        let (pattern, diagonal) = (&self.body.pattern, diagonal(self.body, self.factors));
+        let (rate, damping) = (self.factors.0, self.body.stiffness_damping);
+        self.body.model.stiffness_rows_in_single(rate, damping, part, &mut |node, blocks| {
+            let own = pattern.diagonal()[node] as usize - pattern.row_start()[node] as usize;
+            (0..3).for_each(|k| blocks[own][4 * k] += diagonal(node).to_f64() as f32);
             take(node, blocks);
         });
     }

@@ -103,6 +103,13 @@ impl<R: Scalar> ForceModel<R> for TimedModel<R> {
         self.clocks.assembly.fetch_add(u64::try_from(share).unwrap_or(u64::MAX), Ordering::Relaxed);
     }
 
+    fn stiffness_rows_in_single(&self, rate: R, damping: R, part: usize, take: &mut dyn FnMut(usize, &mut [[f32; 9]])) {
+        let start = Instant::now();
+        self.inner.stiffness_rows_in_single(rate, damping, part, take);
+        let share = start.elapsed().as_nanos() / rayon::current_num_threads().max(1) as u128;
+        self.clocks.assembly.fetch_add(u64::try_from(share).unwrap_or(u64::MAX), Ordering::Relaxed);
+    }
+
     fn cube_pattern(&self) -> Option<Arc<CubePattern>> {
         self.inner.cube_pattern()
     }
@@ -160,6 +167,10 @@ pub struct TimedSolver<R> {
 impl<R: Scalar> LinearSolver<R> for TimedSolver<R> {
     fn name(&self) -> &'static str {
         self.inner.name()
+    }
+
+    fn gains_from_a_start(&self) -> bool {
+        self.inner.gains_from_a_start()
     }
 
     fn prepare(&mut self, pattern: &Arc<BlockPattern>, constraints: &DofConstraints) -> Result<(), SolveError> {

@@ -2,7 +2,7 @@
 
 use super::SINGLE;
 use super::coarsest::Coarsest;
-use super::galerkin::{Galerkin, interpolate_add};
+use super::galerkin::{Galerkin, coarse_pattern, interpolate_add};
 use super::interpolation::Interpolation;
 use super::level::{Level, order_for};
 use super::settings::{Marking, MultigridSettings, Smoother};
@@ -40,7 +40,7 @@ impl Cycle {
     pub fn new(
         hierarchy: &[Interpolation],
         free: Blocks,
-        colours: Option<Vec<u32>>,
+        colours: Vec<u32>,
         settings: &MultigridSettings,
     ) -> Option<Self> {
         let first = hierarchy.first()?;
@@ -57,15 +57,11 @@ impl Cycle {
             if restricted.coarse_count == 0 {
                 break;
             }
-            let matrix = levels[levels.len() - 1].matrix();
-            let mut product = Galerkin::new(&fine, matrix, &restricted);
-            let mut colours = None;
-            if let Some((order, starts)) = order_for(settings.smoother, &product.coarse_pattern(seen.clone())) {
-                seen = order.iter().map(|i| seen[*i as usize]).collect();
-                restricted = p.between(&kept, &seen);
-                product = Galerkin::new(&fine, matrix, &restricted);
-                colours = Some(starts);
-            }
+            let found = coarse_pattern(&fine, &restricted, seen.clone());
+            let (order, colours) = order_for(settings.smoother, &found);
+            seen = order.iter().map(|i| seen[*i as usize]).collect();
+            restricted = p.between(&kept, &seen);
+            let product = Galerkin::new(&fine, levels[levels.len() - 1].matrix(), &restricted);
             kept = seen;
             fine = product.coarse_pattern(kept.clone());
             levels.push(Level::new(&fine, settings.smoother, colours));

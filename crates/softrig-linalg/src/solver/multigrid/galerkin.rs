@@ -99,16 +99,7 @@ impl Galerkin {
     /// Strips end after so many rows, or coarse columns.
     fn in_strips(fine: &Blocks, matrix: &Sliced<f32>, p: &Interpolation, most: [usize; 2]) -> Self {
         let pt = p.transposed();
-        let ap = Pattern::of_product(fine.row_count(), p.coarse_count, |i, add| {
-            for k in fine.row(i) {
-                p.column[p.row(fine.column[k] as usize)].iter().for_each(|c| add(*c));
-            }
-        });
-        let coarse = Pattern::of_product(p.coarse_count, p.coarse_count, |c, add| {
-            for k in pt.row(c) {
-                ap.columns(pt.column[k] as usize).iter().for_each(|c| add(*c));
-            }
-        });
+        let (ap, coarse) = patterns(fine, p, &pt);
         let upper = coarse.upper();
         let place = coarse.places(&upper);
         let mut order: Vec<u32> = (0..fine.row_count() as u32).collect();
@@ -207,15 +198,7 @@ impl Galerkin {
 
     /// The coarse pattern, as a system of its own: a row for each of `node`.
     pub fn coarse_pattern(&self, node: Vec<u32>) -> Blocks {
-        let Pattern { start, column } = &self.coarse;
-        let diagonal = (0..self.coarse.row_count())
-            .map(|i| {
-                let at = self.coarse.columns(i).binary_search(&(i as u32));
-                start[i] + at.expect("a coarse node sees itself through any fine node it interpolates") as u32
-            })
-            .collect();
-        let rows = BlockRows { node, row_start: start.clone(), diagonal };
-        Blocks { rows: rows.into(), column: column.clone() }
+        as_blocks(&self.coarse, node)
     }
 
     /// Block `k` of the coarse pattern, which is in that row, as the last [`Self::refresh`] made it: the sum of its parts, or its
@@ -242,6 +225,38 @@ impl Galerkin {
         });
         self.parts = parts;
     }
+}
+
+/// Patterns of `A P` and of `Pᵀ A P`.
+fn patterns(fine: &Blocks, p: &Interpolation, pt: &Interpolation) -> (Pattern, Pattern) {
+    let ap = Pattern::of_product(fine.row_count(), p.coarse_count, |i, add| {
+        for k in fine.row(i) {
+            p.column[p.row(fine.column[k] as usize)].iter().for_each(|c| add(*c));
+        }
+    });
+    let coarse = Pattern::of_product(p.coarse_count, p.coarse_count, |c, add| {
+        for k in pt.row(c) {
+            ap.columns(pt.column[k] as usize).iter().for_each(|c| add(*c));
+        }
+    });
+    (ap, coarse)
+}
+
+fn as_blocks(pattern: &Pattern, node: Vec<u32>) -> Blocks {
+    let Pattern { start, column } = pattern;
+    let diagonal = (0..pattern.row_count())
+        .map(|i| {
+            let at = pattern.columns(i).binary_search(&(i as u32));
+            start[i] + at.expect("a coarse node sees itself through any fine node it interpolates") as u32
+        })
+        .collect();
+    let rows = BlockRows { node, row_start: start.clone(), diagonal };
+    Blocks { rows: rows.into(), column: column.clone() }
+}
+
+/// The coarse pattern before anyone has made the product: what an order of the coarse rows is found from.
+pub(super) fn coarse_pattern(fine: &Blocks, p: &Interpolation, node: Vec<u32>) -> Blocks {
+    as_blocks(&patterns(fine, p, &p.transposed()).1, node)
 }
 
 /// What the rows of a strip add to coarse rows.

@@ -27,9 +27,10 @@ pub(super) use cycle::Cycle;
 use super::free::FreePattern;
 use super::pcg::{Asked, ITERATION_LIMIT, Iteration};
 use super::{BELOW_SINGLE, LinearSolver, LinearSystem, Preconditioner, SolveError, SolveReport, Stored, Traffic};
-use crate::{BlockCsr, BlockPattern, DofConstraints, Scalar, either};
+use crate::{BlockCsr, BlockPattern, CELLS, DofConstraints, Scalar, either};
 use age::Age;
 use level::order_for;
+use rayon::prelude::*;
 use std::sync::Arc;
 
 /// Loading a system and the coarse operators that have to be made now and then, in products in f64.
@@ -96,14 +97,11 @@ impl<R: Scalar> Multigrid<R> {
 
     /// Symbolic work for these nodes.
     fn prepare_rows(&mut self, pattern: &Arc<BlockPattern>, node: Vec<u32>) {
-        let mut free = FreePattern::in_order(pattern, node);
-        let mut blocks = free.blocks(pattern);
-        let colours = order_for(self.settings.smoother, &blocks).map(|(order, colours)| {
-            let node = order.iter().map(|row| free.node[*row as usize]).collect();
-            free = FreePattern::in_order(pattern, node);
-            blocks = free.blocks(pattern);
-            colours
-        });
+        let found = FreePattern::in_order(pattern, node);
+        let (order, colours) = order_for(self.settings.smoother, &found.blocks(pattern));
+        let node = order.iter().map(|row| found.node[*row as usize]).collect();
+        let free = FreePattern::in_order(pattern, node);
+        let blocks = free.blocks(pattern);
         self.cycle = Cycle::new(&self.hierarchy, blocks, colours, &self.settings);
         self.pcg.prepare(pattern, Arc::new(free));
         self.exact = None;
@@ -179,7 +177,7 @@ impl<R: Scalar> Multigrid<R> {
                     (0..4).map(|k| a[k].to_f64() * b[k].to_f64()).sum::<f64>().abs() >= least
                 };
                 let known = !self.turned.is_empty() && self.turned.len() == self.built.len();
-                !(known && self.turned.iter().zip(&self.built).all(same))
+                !(known && self.turned.par_iter().zip(&self.built).with_min_len(CELLS).all(same))
             }
         }
     }
@@ -191,6 +189,10 @@ impl<R: Scalar> LinearSolver<R> for Multigrid<R> {
             Outer::ConjugateGradients => "mgpcg",
             Outer::Cycles { .. } => "multigrid",
         }
+    }
+
+    fn gains_from_a_start(&self) -> bool {
+        !matches!(self.settings.outer, Outer::Cycles { count: Some(_) })
     }
 
     fn traffic(&self) -> Option<Traffic> {

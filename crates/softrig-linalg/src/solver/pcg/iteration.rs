@@ -333,9 +333,7 @@ impl<R: Scalar> Iteration<R> {
             // each pass solves for what is left, of size 1 again: f32 has the digits but not the range
             let part = (-left.sqrt().log2().floor()).exp2();
             let factor = R::from_f64(part);
-            for r in self.r.get_mut() {
-                *r = r.map(|v| v * factor);
-            }
+            self.r.get_mut().par_iter_mut().with_min_len(par::CHUNK).for_each(|r| *r = r.map(|v| v * factor));
             for v in [&mut self.x, &mut self.p, &mut self.q] {
                 v.get_mut().fill([R::zero(); 4]);
             }

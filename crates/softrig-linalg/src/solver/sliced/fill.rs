@@ -2,7 +2,7 @@
 
 use super::{Fault, SLICE, Sliced, Step};
 use crate::Scalar;
-use crate::solver::free::BlockRows;
+use crate::solver::free::{BlockRows, FreePattern};
 use crate::solver::pcg::kernel::{Inverse, inverse_of_block};
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -49,6 +49,14 @@ impl<'a, A: Scalar> Fill<'a, A> {
             inverse: Shared(inverse.as_mut_ptr()),
             identity: Shared(identity.as_mut_ptr()),
             fault: Mutex::new(None),
+        }
+    }
+
+    /// Takes the blocks of a node's row in the whole system, if the node has one here; `columns` are the nodes of `blocks`.
+    #[inline(always)]
+    pub fn take_node<R: Scalar>(&self, free: &FreePattern, node: usize, columns: &[u32], blocks: &[[R; 9]]) {
+        if let Some(row) = free.row_of(node) {
+            self.take(row, free.blocks_of(row, columns, blocks));
         }
     }
 

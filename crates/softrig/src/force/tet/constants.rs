@@ -19,8 +19,8 @@ enum Gradients<R> {
     /// Those of f32, made in f64: slivers need its digits for the inverse.
     Stored(Vec<[[[R; BLOCK]; 3]; 3]>),
     /// The rest shape [m], one entry per node, of which f64 makes the same numbers whenever they are read: they are a third of all
-    /// that a body would hold.
-    Made(Vec<[R; 3]>),
+    /// that a body would hold. The fourth number is idle: four corners are read as four registers.
+    Made(Vec<[R; 4]>),
 }
 
 /// Lamé constants and stiffness damping.
@@ -73,7 +73,7 @@ impl<R: Scalar> Tets<R> {
         let gradients = if R::EPSILON.to_f64() > f64::EPSILON {
             Gradients::Stored(blocks().map(gradient).collect())
         } else {
-            Gradients::Made(rest.iter().map(|x| x.map(R::from_f64)).collect())
+            Gradients::Made(rest.iter().map(|[x, y, z]| [*x, *y, *z, 0.0].map(R::from_f64)).collect())
         };
         Self { scatter, gradients, moduli }
     }
@@ -124,16 +124,26 @@ impl<R: Scalar> Tets<R> {
 /// Corner `a` of `W` cells of a chunk in the rest shape; behind the last cell comes the last one again.
 #[inline(always)]
 fn rest_corner<R: Scalar, const W: usize>(
-    rest: &[[R; 3]],
+    rest: &[[R; 4]],
     nodes: &[u32],
     local: &[[u16; 4]],
     first: usize,
     a: usize,
 ) -> Vec3<Wide<R, W>> {
     let mut out = Vec3([Wide([R::zero(); W]); 3]);
-    for i in 0..W {
-        let cell = local[(first + i).min(local.len() - 1)];
-        let x = rest[nodes[cell[a] as usize] as usize];
+    let last = local.len() - 1;
+    for k in 0..W / 4 {
+        let mut rows = [&rest[nodes[local[last][a] as usize] as usize]; 4];
+        for i in 0..4 {
+            rows[i] = &rest[nodes[local[(first + 4 * k + i).min(last)][a] as usize] as usize];
+        }
+        let numbers = R::transposed(rows);
+        for c in 0..3 {
+            out.0[c].0.as_chunks_mut::<4>().0[k] = numbers[c];
+        }
+    }
+    for i in W - W % 4..W {
+        let x = rest[nodes[local[(first + i).min(last)][a] as usize] as usize];
         for c in 0..3 {
             out.0[c].0[i] = x[c];
         }

@@ -3,7 +3,7 @@
 use super::{Scheme, held};
 use crate::body::Body;
 use crate::integrate::{State, StepError, StepInput};
-use softrig_linalg::Scalar;
+use softrig_linalg::{Scalar, par};
 
 pub(super) fn check<R: Scalar>(
     body: &Body<R>,
@@ -39,19 +39,21 @@ pub(super) fn check<R: Scalar>(
     finite("velocity", state.time, &state.velocity)?;
     finite("acceleration", state.time, &state.acceleration)?;
     finite("external force", state.time, input.external_force)?;
-    for i in (0..n).filter(|i| body.constraints.is_constrained(*i) && !held(body, *i)) {
-        for (what, v) in [("target position", input.target_position[i]), ("target velocity", input.target_velocity[i])]
-        {
-            if !v.iter().all(|c| c.is_finite()) {
-                return Err(StepError::NotFinite { time: state.time, what, node: i });
-            }
+    for (what, v) in [("target position", input.target_position), ("target velocity", input.target_velocity)] {
+        let bad = |i: usize| body.constraints.is_constrained(i) && !held(body, i) && !is_finite(&v[i]);
+        if let Some(node) = par::first(n, bad) {
+            return Err(StepError::NotFinite { time: state.time, what, node });
         }
     }
     Ok(())
 }
 
+fn is_finite<R: Scalar>(v: &[R; 3]) -> bool {
+    v.iter().all(|c| c.is_finite())
+}
+
 pub(in crate::integrate) fn finite<R: Scalar>(what: &'static str, time: f64, v: &[[R; 3]]) -> Result<(), StepError> {
-    match v.iter().position(|v| !v.iter().all(|c| c.is_finite())) {
+    match par::first(v.len(), |i| !is_finite(&v[i])) {
         Some(node) => Err(StepError::NotFinite { time, what, node }),
         None => Ok(()),
     }

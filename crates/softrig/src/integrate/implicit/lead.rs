@@ -2,13 +2,15 @@
 
 use super::{Constants, Implicit};
 use crate::body::Body;
+use crate::integrate::system::product;
 use crate::integrate::{State, StepInput};
-use softrig_linalg::Scalar;
+use rayon::prelude::*;
+use softrig_linalg::{Scalar, par};
 
 impl<R: Scalar> Implicit<R> {
-    /// With d = 0 and its right-hand side given, of size `norm`: lets free nodes go on as they move, d = s h v, and leaves what
-    /// is then missing in the right-hand side. It is linear in s, whose best value follows from two of them; so a bad guess
-    /// (flesh that vibrates faster than steps can follow) becomes none. Returns the size of what is missing.
+    /// With the right-hand side b of d = 0 given, of size `norm`: lets free nodes go on as they move, d = s h v, and leaves what is then
+    /// missing, b - s A h v, in the right-hand side. The best s follows from b and A h v; so a bad guess (flesh that vibrates faster
+    /// than steps can follow) becomes none. Returns the size of what is missing; does nothing where a model has no products.
     pub(super) fn lead(
         &mut self,
         body: &mut Body<R>,
@@ -18,35 +20,40 @@ impl<R: Scalar> Implicit<R> {
         norm: f64,
     ) -> f64 {
         let n = state.position.len();
-        let free = |body: &Body<R>, i: usize| !body.constraints.is_constrained(i);
-        if !(0..n).any(|i| free(body, i) && state.velocity[i] != [R::zero(); 3]) {
+        let h = R::from_f64(input.dt);
+        let along = |body: &Body<R>, i: usize| {
+            if body.constraints.is_constrained(i) { [R::zero(); 3] } else { state.velocity[i].map(|v| h * v) }
+        };
+        let still = &*body;
+        if par::first(n, |i| along(still, i) != [R::zero(); 3]).is_none() {
             return norm;
         }
-        let h = R::from_f64(input.dt);
-        for i in (0..n).filter(|i| free(body, *i)) {
-            self.d[i] = state.velocity[i].map(|v| h * v);
-        }
         // the memory of the correction, which is not there yet
-        std::mem::swap(&mut self.rhs, &mut self.correction);
-        self.forces(body, c, input, state, true);
-        self.residual(body, c, input, state);
-        let (still, moving) = (&self.correction, &mut self.rhs);
-        let (mut along, mut square) = (0.0, 0.0);
-        for (b, m) in still.iter().flatten().zip(moving.iter().flatten()) {
-            let (b, change) = (b.to_f64(), m.to_f64() - b.to_f64());
-            along -= b * change;
-            square += change * change;
+        let change = &mut self.correction;
+        change.par_iter_mut().enumerate().with_min_len(par::CHUNK).for_each(|(i, u)| *u = along(still, i));
+        if !product(body, (c.vd, c.ad), change) {
+            return norm;
         }
-        let share = along / square;
+        let still = &*body;
+        let of = |i: usize, v: &[[R; 3]]| {
+            if still.constraints.is_constrained(i) { [0.0; 3] } else { v[i].map(Scalar::to_f64) }
+        };
+        let (change, rhs) = (&self.correction, &self.rhs);
+        let dot = |a: &[[R; 3]], b: &[[R; 3]]| {
+            let one = |i: usize| (0..3).map(|k| of(i, a)[k] * of(i, b)[k]).sum::<f64>();
+            par::sum(n, |range| range.map(one).sum())
+        };
+        let share = dot(rhs, change) / dot(change, change);
         let share = R::from_f64(if share.is_finite() { share } else { 0.0 });
-        let mut left = 0.0;
-        for (b, m) in still.iter().flatten().zip(moving.iter_mut().flatten()) {
-            *m = *b + share * (*m - *b);
-            left += m.to_f64() * m.to_f64();
-        }
-        for i in (0..n).filter(|i| free(body, *i)) {
-            self.d[i] = self.d[i].map(|d| share * d);
-        }
-        left.sqrt()
+        let both = self.d.par_iter_mut().zip(&mut self.rhs).enumerate().with_min_len(par::CHUNK);
+        both.for_each(|(i, (d, b))| {
+            if still.constraints.is_constrained(i) {
+                return;
+            }
+            let step = along(still, i);
+            *d = step.map(|step| share * step);
+            *b = std::array::from_fn(|k| b[k] - share * change[i][k]);
+        });
+        dot(&self.rhs, &self.rhs).sqrt()
     }
 }
