@@ -83,4 +83,13 @@ mod tests {
         assert!(run(1) > 0.0);
         assert_eq!(run(1).to_bits(), run(4).to_bits());
     }
+
+    #[test]
+    fn the_largest_and_the_first_are_those_of_a_plain_loop() {
+        let x: Vec<f64> = (0..10_000).map(|i| f64::from(i * 7919 % 10_007)).collect();
+        assert_eq!(max(x.len(), |i| x[i]), 10_006.0);
+        assert_eq!(max(x.len(), |i| if i % 2 == 0 { f64::NAN } else { -x[i] }), 0.0);
+        assert_eq!(first(x.len(), |i| x[i] > 10_000.0), x.iter().position(|x| *x > 10_000.0));
+        assert_eq!((max(0, |_| 1.0), first(x.len(), |i| x[i] < 0.0)), (0.0, None));
+    }
 }

@@ -55,6 +55,26 @@ fn product_is_right<A: Scalar>(bound: f64) {
     }
 }
 
+/// Rows in the sorted order are taken as they come.
+#[test]
+fn sorted_rows_lie_in_the_order_of_the_slices() {
+    let whole = BlockPattern::from_cells(
+        700,
+        (0..2100u32).map(|i| [i % 700, (i * i + 1) % 700, (i + 1) % 700]).collect::<Vec<_>>().iter().map(|c| &c[..]),
+    );
+    let nodes = |order: &[u32]| FreePattern::in_order(&whole, order.to_vec()).blocks(&whole);
+    let (natural, breaks) = ((0..700).collect::<Vec<u32>>(), [0, 90, 700]);
+    let mut order = natural.clone();
+    sort_rows(&nodes(&natural), &breaks, &mut order);
+    assert_ne!(order, natural);
+    let places = |order: &[u32]| Sliced::<f32>::new(&nodes(order), &breaks).layout.place;
+    assert!(places(&order).is_sorted() && !places(&natural).is_sorted());
+    let mut again = order.clone();
+    again[..90].sort_unstable();
+    again[90..].sort_unstable();
+    assert_eq!(again, natural, "no row leaves its part");
+}
+
 #[test]
 fn products_agree_with_a_plain_loop() {
     product_is_right::<f64>(1e-12);

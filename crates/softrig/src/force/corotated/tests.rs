@@ -91,6 +91,18 @@ fn rows_are_what_increments_add() {
         model.linearise(&x);
         let mut matrix = BlockCsr::zero(pattern.clone());
         model.stiffness(0.0, 0.0, &mut matrix);
+        let mut count = 0;
+        for part in 0..model.row_parts() {
+            model.stiffness_rows_in_single(0.0, 0.0, part, &mut |node, blocks| {
+                let exact = &matrix.values[pattern.row(node)];
+                let largest = exact.iter().flatten().fold(0.0f64, |m, v| m.max(v.abs()));
+                for (single, exact) in blocks.iter().flatten().zip(exact.iter().flatten()) {
+                    assert!((f64::from(*single) - exact).abs() < 1e-5 * largest, "row {node}: {single} {exact}");
+                }
+                count += blocks.len();
+            });
+        }
+        assert_eq!(count, matrix.values.len());
         let (d, mut with, mut without) = (moved(0.7), moved(0.0), moved(0.0));
         model.force(&x, Increment { displacement: Some(&d), ..Increment::none() }, &mut with);
         model.force(&x, Increment::none(), &mut without);
