@@ -40,7 +40,7 @@ impl Cycle {
     pub fn new(
         hierarchy: &[Interpolation],
         free: Blocks,
-        colours: Vec<u32>,
+        colours: Option<Vec<u32>>,
         settings: &MultigridSettings,
     ) -> Option<Self> {
         let first = hierarchy.first()?;
@@ -57,10 +57,14 @@ impl Cycle {
             if restricted.coarse_count == 0 {
                 break;
             }
-            let found = coarse_pattern(&fine, &restricted, seen.clone());
-            let (order, colours) = order_for(settings.smoother, &found);
-            seen = order.iter().map(|i| seen[*i as usize]).collect();
-            restricted = p.between(&kept, &seen);
+            let mut colours = None;
+            let coloured = matches!(settings.smoother, Smoother::GaussSeidel { .. });
+            let found = coloured.then(|| coarse_pattern(&fine, &restricted, seen.clone()));
+            if let Some((order, starts)) = found.and_then(|found| order_for(settings.smoother, &found)) {
+                seen = order.iter().map(|i| seen[*i as usize]).collect();
+                restricted = p.between(&kept, &seen);
+                colours = Some(starts);
+            }
             let product = Galerkin::new(&fine, levels[levels.len() - 1].matrix(), &restricted);
             kept = seen;
             fine = product.coarse_pattern(kept.clone());

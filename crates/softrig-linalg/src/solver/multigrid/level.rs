@@ -24,7 +24,7 @@ const POWER_STEPS: [usize; 2] = [15, 3];
 pub(super) struct Level {
     pub pattern: Arc<BlockRows>,
     smoother: Smoother,
-    /// As [`order_for`] gives them.
+    /// As [`order_for`] gives them; one range of all rows where nobody asks for colours.
     colours: Vec<u32>,
     matrix: Sliced<f32>,
     /// Present once a matrix of cubes has come.
@@ -46,22 +46,20 @@ pub(super) struct Level {
     e: Quads<f32>,
 }
 
-/// An order for the rows of a level, and the first row of each colour and one past the last: one range of all rows where the smoother
-/// does not ask for colours.
-pub(super) fn order_for(smoother: Smoother, pattern: &Blocks) -> (Vec<u32>, Vec<u32>) {
-    let n = pattern.row_count() as u32;
-    let (mut order, colours) = match smoother {
-        Smoother::GaussSeidel { .. } => by_colour(pattern),
-        Smoother::Chebyshev { .. } => ((0..n).collect(), vec![0, n]),
-    };
+/// An order for the rows of a level, where its smoother wants one, and the first row of each colour and one past the last. Rows of a colour
+/// are as far apart in space as colours are many: there they lie as the matrix takes them. Other rows stay neighbours of their neighbours.
+pub(super) fn order_for(smoother: Smoother, pattern: &Blocks) -> Option<(Vec<u32>, Vec<u32>)> {
+    let Smoother::GaussSeidel { .. } = smoother else { return None };
+    let (mut order, colours) = by_colour(pattern);
     sort_rows(pattern, &colours, &mut order);
-    (order, colours)
+    Some((order, colours))
 }
 
 impl Level {
     /// `colours` as [`order_for`] gave them for the pattern; the rows of the pattern are in that order.
-    pub fn new(pattern: &Blocks, smoother: Smoother, colours: Vec<u32>) -> Self {
+    pub fn new(pattern: &Blocks, smoother: Smoother, colours: Option<Vec<u32>>) -> Self {
         let n = pattern.row_count();
+        let colours = colours.unwrap_or_else(|| vec![0, n as u32]);
         Self {
             smoother,
             matrix: Sliced::new(pattern, &colours),

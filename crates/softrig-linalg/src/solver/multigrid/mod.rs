@@ -97,11 +97,14 @@ impl<R: Scalar> Multigrid<R> {
 
     /// Symbolic work for these nodes.
     fn prepare_rows(&mut self, pattern: &Arc<BlockPattern>, node: Vec<u32>) {
-        let found = FreePattern::in_order(pattern, node);
-        let (order, colours) = order_for(self.settings.smoother, &found.blocks(pattern));
-        let node = order.iter().map(|row| found.node[*row as usize]).collect();
-        let free = FreePattern::in_order(pattern, node);
-        let blocks = free.blocks(pattern);
+        let mut free = FreePattern::in_order(pattern, node);
+        let mut blocks = free.blocks(pattern);
+        let colours = order_for(self.settings.smoother, &blocks).map(|(order, colours)| {
+            let node = order.iter().map(|row| free.node[*row as usize]).collect();
+            free = FreePattern::in_order(pattern, node);
+            blocks = free.blocks(pattern);
+            colours
+        });
         self.cycle = Cycle::new(&self.hierarchy, blocks, colours, &self.settings);
         self.pcg.prepare(pattern, Arc::new(free));
         self.exact = None;
