@@ -27,7 +27,7 @@ pub use block::{BlockCsr, BlockPattern};
 pub use constraint::DofConstraints;
 pub use cubes::{CubeMatrix, CubePattern};
 pub use lane::{Lane, Wide};
-pub use rows::Rows;
+pub use rows::{Rows, in_single};
 pub use scalar::{Scalar, either};
 pub use scatter::{CELLS, Scatter, add_four};
 pub use small::{Mat3, Vec3};

@@ -23,11 +23,16 @@ pub trait Rows<R: Scalar>: Sync {
     fn for_rows_in_single(&self, part: usize, take: &mut dyn FnMut(usize, &[[f32; 9]])) {
         let mut rounded = Vec::new();
         self.for_rows(part, &mut |row, blocks| {
-            rounded.clear();
-            rounded.extend(blocks.iter().map(|block| block.map(|v| v.to_f64() as f32)));
-            take(row, &rounded);
+            take(row, in_single(blocks, &mut rounded));
         });
     }
+}
+
+/// The blocks rounded to f32, in memory that is used again.
+pub fn in_single<'a, R: Scalar>(blocks: &[[R; 9]], memory: &'a mut Vec<[f32; 9]>) -> &'a mut [[f32; 9]] {
+    memory.clear();
+    memory.extend(blocks.iter().map(|block| block.map(|v| v.to_f64() as f32)));
+    memory
 }
 
 impl<R: Scalar> Rows<R> for BlockCsr<R> {

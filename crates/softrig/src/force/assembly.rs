@@ -5,7 +5,7 @@
 
 use super::hex::{HexBlock, HexShape, columns};
 use super::incidence::{Corner, EDGES, GROUP, GROUPS, Incidence, NODES, Strips};
-use super::tet::{BLOCK, Tets, Warped, warp};
+use super::tet::{BLOCK, Tets, Warped, cast, warp};
 use rayon::prelude::*;
 use softrig_linalg::{BlockPattern, Kernel, Lane, Scalar, Scatter, Stacked, Wide, par, run_wide};
 
@@ -109,11 +109,6 @@ struct RowKernel<'a, R, A> {
 }
 
 type Quad<A> = Wide<A, 4>;
-
-#[inline(always)]
-fn cast<R: Scalar, A: Scalar>(v: R) -> A {
-    A::from_f64(v.to_f64())
-}
 
 impl<R: Scalar, A: Scalar> Kernel for RowKernel<'_, R, A> {
     type Output = ();

@@ -20,7 +20,7 @@ pub use stvk::{StVenantKirchhoff, stvk_hessian};
 pub use tet::tet_gradients;
 
 use serde::{Deserialize, Serialize};
-use softrig_linalg::{BlockCsr, CubeMatrix, CubePattern, Scalar};
+use softrig_linalg::{BlockCsr, CubeMatrix, CubePattern, Scalar, in_single};
 use std::sync::Arc;
 
 /// Which elasticity a body has.
@@ -75,9 +75,7 @@ pub trait ForceModel<R: Scalar>: Send + Sync {
     fn stiffness_rows_in_single(&self, rate: R, damping: R, part: usize, take: &mut dyn FnMut(usize, &mut [[f32; 9]])) {
         let mut rounded = Vec::new();
         self.stiffness_rows(rate, damping, part, &mut |node, blocks| {
-            rounded.clear();
-            rounded.extend(blocks.iter().map(|block| block.map(|v| v.to_f64() as f32)));
-            take(node, &mut rounded);
+            take(node, in_single(blocks, &mut rounded));
         });
     }
 

@@ -36,6 +36,12 @@ pub(super) fn store<R: Scalar, const W: usize>(block: &mut [R; BLOCK], first: us
     block.as_chunks_mut::<W>().0[first / W] = value.0;
 }
 
+/// A number in the numbers of the assembly.
+#[inline(always)]
+pub(super) fn cast<R: Scalar, A: Scalar>(v: R) -> A {
+    A::from_f64(v.to_f64())
+}
+
 /// Quaternions of `W` cells.
 #[inline(always)]
 pub(super) fn load_q<R: Scalar, const W: usize>(q: &[[R; BLOCK]; 4], first: usize) -> [Wide<R, W>; 4] {
@@ -137,11 +143,11 @@ fn warp_lanes<R: Scalar, A: Scalar, const W: usize>(
             let part = [&rows[0].as_chunks::<4>().0[k], &rows[1].as_chunks::<4>().0[k]];
             let rest = [&rows[2].as_chunks::<4>().0[k], &rows[3].as_chunks::<4>().0[k]];
             for (out, quad) in warped[4 * k..].iter_mut().zip(R::transposed([part[0], part[1], rest[0], rest[1]])) {
-                out[a] = quad.map(|v| A::from_f64(v.to_f64()));
+                out[a] = quad.map(cast);
             }
         }
         for i in W - W % 4..W {
-            warped[i][a] = [rows[0][i], rows[1][i], rows[2][i], rows[3][i]].map(|v| A::from_f64(v.to_f64()));
+            warped[i][a] = [rows[0][i], rows[1][i], rows[2][i], rows[3][i]].map(cast);
         }
     }
 }

@@ -14,7 +14,7 @@ mod lead;
 
 pub(super) use check::finite;
 
-use check::check;
+use check::{check, is_finite};
 
 use super::system::StepSystem;
 use super::{Integrator, State, StepError, StepInput, StepOutput, earlier_tolerance};
@@ -294,7 +294,7 @@ impl<R: Scalar> Implicit<R> {
         }
         finite("position", time, &self.x)?;
         let velocity = |i: usize| self.motion(body, &c, input, state, i)[0];
-        if let Some(node) = par::first(n, |i| !velocity(i).iter().all(|v| v.is_finite())) {
+        if let Some(node) = par::first(n, |i| !is_finite(&velocity(i))) {
             return Err(StepError::NotFinite { time, what: "velocity", node });
         }
         if input.reactions {

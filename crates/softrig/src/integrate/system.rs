@@ -53,11 +53,7 @@ fn lumped<'a, R: Scalar>(
 }
 
 /// Replaces x by (K + vd C + ad M) x, where a body can do that without the matrix; otherwise returns false.
-pub(super) fn product<R: Scalar>(body: &mut Body<R>, (vd, ad): (f64, f64), x: &mut [[R; 3]]) -> bool {
-    multiply(body, (R::from_f64(vd), R::from_f64(ad)), x)
-}
-
-fn multiply<R: Scalar>(body: &mut Body<R>, factors: (R, R), x: &mut [[R; 3]]) -> bool {
+pub(super) fn product<R: Scalar>(body: &mut Body<R>, factors: (R, R), x: &mut [[R; 3]]) -> bool {
     let Body { model, mass, drag, mass_damping, stiffness_damping, consistent_mass, .. } = body;
     let diagonal = lumped(mass, drag, *mass_damping, factors);
     consistent_mass.is_none() && model.product(factors.0, *stiffness_damping, &diagonal, x)
@@ -95,7 +91,7 @@ impl<R: Scalar> LinearSystem<R> for StepSystem<'_, R> {
     }
 
     fn product(&mut self, x: &mut [[R; 3]]) -> bool {
-        multiply(self.body, self.factors, x)
+        product(self.body, self.factors, x)
     }
 
     fn cubes(&mut self) -> Option<&CubeMatrix<R>> {
@@ -117,21 +113,26 @@ impl<R: Scalar> Rows<R> for StepSystem<'_, R> {
     }
 
     fn for_rows(&self, part: usize, take: &mut dyn FnMut(usize, &[[R; 9]])) {
-        let (pattern, diagonal) = (&self.body.pattern, diagonal(self.body, self.factors));
-        self.body.model.stiffness_rows(self.factors.0, self.body.stiffness_damping, part, &mut |node, blocks| {
-            let own = pattern.diagonal()[node] as usize - pattern.row_start()[node] as usize;
-            (0..3).for_each(|k| blocks[own][4 * k] += diagonal(node));
+        let (rate, damping) = (self.factors.0, self.body.stiffness_damping);
+        let diagonal = diagonal(self.body, self.factors);
+        self.body.model.stiffness_rows(rate, damping, part, &mut |node, blocks| {
+            add_to_diagonal(&self.body.pattern, node, blocks, diagonal(node));
             take(node, blocks);
         });
     }
 
     fn for_rows_in_single(&self, part: usize, take: &mut dyn FnMut(usize, &[[f32; 9]])) {
-        let (pattern, diagonal) = (&self.body.pattern, diagonal(self.body, self.factors));
         let (rate, damping) = (self.factors.0, self.body.stiffness_damping);
+        let diagonal = diagonal(self.body, self.factors);
         self.body.model.stiffness_rows_in_single(rate, damping, part, &mut |node, blocks| {
-            let own = pattern.diagonal()[node] as usize - pattern.row_start()[node] as usize;
-            (0..3).for_each(|k| blocks[own][4 * k] += diagonal(node).to_f64() as f32);
+            add_to_diagonal(&self.body.pattern, node, blocks, diagonal(node).to_f64() as f32);
             take(node, blocks);
         });
     }
+}
+
+/// Adds a multiple of the identity to the diagonal block of a node's row.
+fn add_to_diagonal<A: Scalar>(pattern: &BlockPattern, node: usize, row: &mut [[A; 9]], added: A) {
+    let own = pattern.diagonal()[node] as usize - pattern.row_start()[node] as usize;
+    (0..3).for_each(|k| row[own][4 * k] += added);
 }

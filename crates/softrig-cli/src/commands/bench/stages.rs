@@ -62,6 +62,14 @@ fn timed<T>(clock: &AtomicU64, work: impl FnOnce() -> T) -> T {
     result
 }
 
+/// For parts that are made on all threads: each counts for its share of the time that passes.
+fn share(clock: &AtomicU64, work: impl FnOnce()) {
+    let start = Instant::now();
+    work();
+    let share = start.elapsed().as_nanos() / rayon::current_num_threads().max(1) as u128;
+    clock.fetch_add(u64::try_from(share).unwrap_or(u64::MAX), Ordering::Relaxed);
+}
+
 /// A force model under the clock.
 pub struct TimedModel<R> {
     /// The model that does the work.
@@ -95,19 +103,13 @@ impl<R: Scalar> ForceModel<R> for TimedModel<R> {
         self.inner.row_parts()
     }
 
-    /// Parts are made on all threads: each counts for its share of the time that passes. What is done with the rows counts too.
+    /// What is done with the rows counts too.
     fn stiffness_rows(&self, rate: R, damping: R, part: usize, take: &mut dyn FnMut(usize, &mut [[R; 9]])) {
-        let start = Instant::now();
-        self.inner.stiffness_rows(rate, damping, part, take);
-        let share = start.elapsed().as_nanos() / rayon::current_num_threads().max(1) as u128;
-        self.clocks.assembly.fetch_add(u64::try_from(share).unwrap_or(u64::MAX), Ordering::Relaxed);
+        share(&self.clocks.assembly, || self.inner.stiffness_rows(rate, damping, part, take));
     }
 
     fn stiffness_rows_in_single(&self, rate: R, damping: R, part: usize, take: &mut dyn FnMut(usize, &mut [[f32; 9]])) {
-        let start = Instant::now();
-        self.inner.stiffness_rows_in_single(rate, damping, part, take);
-        let share = start.elapsed().as_nanos() / rayon::current_num_threads().max(1) as u128;
-        self.clocks.assembly.fetch_add(u64::try_from(share).unwrap_or(u64::MAX), Ordering::Relaxed);
+        share(&self.clocks.assembly, || self.inner.stiffness_rows_in_single(rate, damping, part, take));
     }
 
     fn cube_pattern(&self) -> Option<Arc<CubePattern>> {

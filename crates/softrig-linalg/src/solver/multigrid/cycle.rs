@@ -58,9 +58,8 @@ impl Cycle {
                 break;
             }
             let mut colours = None;
-            let coloured = matches!(settings.smoother, Smoother::GaussSeidel { .. });
-            let found = coloured.then(|| coarse_pattern(&fine, &restricted, seen.clone()));
-            if let Some((order, starts)) = found.and_then(|found| order_for(settings.smoother, &found)) {
+            let found = || coarse_pattern(&fine, &restricted, seen.clone());
+            if let Some((order, starts)) = order_for(settings.smoother, found) {
                 seen = order.iter().map(|i| seen[*i as usize]).collect();
                 restricted = p.between(&kept, &seen);
                 colours = Some(starts);

@@ -10,6 +10,7 @@ use crate::solver::quads::Quads;
 use crate::solver::sliced::{Fault, ROWS, Sliced, sort_rows};
 use crate::{CubeMatrix, Rows, Scalar, run_wide};
 use rayon::prelude::*;
+use std::borrow::Borrow;
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -46,10 +47,15 @@ pub(super) struct Level {
     e: Quads<f32>,
 }
 
-/// An order for the rows of a level, where its smoother wants one, and the first row of each colour and one past the last. Rows of a colour
+/// An order for the rows of a level, where its smoother wants one (nobody else makes the pattern), and the first row of each colour and one past the last. Rows of a colour
 /// are as far apart in space as colours are many: there they lie as the matrix takes them. Other rows stay neighbours of their neighbours.
-pub(super) fn order_for(smoother: Smoother, pattern: &Blocks) -> Option<(Vec<u32>, Vec<u32>)> {
+pub(super) fn order_for<P: Borrow<Blocks>>(
+    smoother: Smoother,
+    pattern: impl FnOnce() -> P,
+) -> Option<(Vec<u32>, Vec<u32>)> {
     let Smoother::GaussSeidel { .. } = smoother else { return None };
+    let pattern = pattern();
+    let pattern = pattern.borrow();
     let (mut order, colours) = by_colour(pattern);
     sort_rows(pattern, &colours, &mut order);
     Some((order, colours))

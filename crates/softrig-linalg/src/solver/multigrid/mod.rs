@@ -99,7 +99,7 @@ impl<R: Scalar> Multigrid<R> {
     fn prepare_rows(&mut self, pattern: &Arc<BlockPattern>, node: Vec<u32>) {
         let mut free = FreePattern::in_order(pattern, node);
         let mut blocks = free.blocks(pattern);
-        let colours = order_for(self.settings.smoother, &blocks).map(|(order, colours)| {
+        let colours = order_for(self.settings.smoother, || &blocks).map(|(order, colours)| {
             let node = order.iter().map(|row| free.node[*row as usize]).collect();
             free = FreePattern::in_order(pattern, node);
             blocks = free.blocks(pattern);

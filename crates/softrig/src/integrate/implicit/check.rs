@@ -48,7 +48,7 @@ pub(super) fn check<R: Scalar>(
     Ok(())
 }
 
-fn is_finite<R: Scalar>(v: &[R; 3]) -> bool {
+pub(super) fn is_finite<R: Scalar>(v: &[R; 3]) -> bool {
     v.iter().all(|c| c.is_finite())
 }
 

@@ -31,7 +31,7 @@ impl<R: Scalar> Implicit<R> {
         // the memory of the correction, which is not there yet
         let change = &mut self.correction;
         change.par_iter_mut().enumerate().with_min_len(par::CHUNK).for_each(|(i, u)| *u = along(still, i));
-        if !product(body, (c.vd, c.ad), change) {
+        if !product(body, (R::from_f64(c.vd), R::from_f64(c.ad)), change) {
             return norm;
         }
         let still = &*body;
