@@ -83,10 +83,6 @@ impl<R: Scalar> LinearSolver<R> for Direct<R> {
         "direct"
     }
 
-    fn gains_from_a_start(&self) -> bool {
-        false
-    }
-
     fn preconditioner(&mut self) -> Option<&mut dyn Preconditioner<R>> {
         Some(self)
     }
@@ -134,8 +130,14 @@ impl<R: Scalar> Prepared<R> {
         solution: &mut [[R; 3]],
         tolerance: f64,
     ) -> Result<SolveReport, SolveError> {
-        let report =
-            |residual| SolveReport { solver: "direct", iterations: 0, residual, converged: true, rebuilt: false };
+        let report = |residual| SolveReport {
+            solver: "direct",
+            iterations: 0,
+            residual,
+            converged: true,
+            rebuilt: false,
+            start: 1.0,
+        };
         let scale = self.pattern.scale_of(rhs)?;
         let (Some(factor), Some(scale)) = (&mut self.factor, scale) else {
             solution.fill([R::zero(); 3]);

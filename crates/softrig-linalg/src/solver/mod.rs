@@ -39,6 +39,8 @@ pub struct SolveReport {
     pub converged: bool,
     /// Whether coarse operators were made anew for it.
     pub rebuilt: bool,
+    /// Relative residual that the iterations began with [-]: 1 from zero, less from a guess that was good for something.
+    pub start: f64,
 }
 
 /// Memory traffic of an iteration.
@@ -113,6 +115,12 @@ pub trait LinearSystem<R: Scalar> {
         None
     }
 
+    /// A vector, one entry per node, of which some multiple may be close to the solution: iterations start from the best one. What it
+    /// has at constrained nodes does not count.
+    fn guess(&self) -> Option<&[[R; 3]]> {
+        None
+    }
+
     /// Writes the rotations of the cells the matrix was made with, one quaternion each in whatever order they always have; leaves
     /// `out` empty where there are none. From them a solver tells how far a matrix has turned since an earlier one.
     fn rotations(&mut self, out: &mut Vec<[R; 4]>) {
@@ -136,11 +144,6 @@ pub trait LinearSolver<R: Scalar>: Send {
     /// Drops what a solve may keep from earlier ones, so that the next one depends on its arguments only.
     fn forget(&mut self) {}
 
-    /// Is a smaller right-hand side with the same error less work? Not for solvers that do the same whatever it is.
-    fn gains_from_a_start(&self) -> bool {
-        true
-    }
-
     /// What an iteration reads and writes, by count; `None` for solvers that do not count it.
     fn traffic(&self) -> Option<Traffic> {
         None
@@ -151,7 +154,7 @@ pub trait LinearSolver<R: Scalar>: Send {
         None
     }
 
-    /// Numeric solve from a zero start. `rhs` and `solution` have one `[R; 3]` per node; `rhs` of constrained nodes is ignored.
+    /// Numeric solve, whatever `solution` holds. `rhs` and `solution` have one `[R; 3]` per node; `rhs` of constrained nodes is ignored.
     ///
     /// # Errors
     /// [`SolveError`]; then `solution` is unchanged.
@@ -163,7 +166,7 @@ pub trait LinearSolver<R: Scalar>: Send {
         tolerance: f64,
     ) -> Result<SolveReport, SolveError>;
 
-    /// As [`Self::solve`], with the entries assembled only if the solver reads them.
+    /// As [`Self::solve`], with the entries assembled only if the solver reads them, and from the system's guess where it helps.
     ///
     /// # Errors
     /// As [`Self::solve`].

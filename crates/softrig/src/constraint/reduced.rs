@@ -106,7 +106,7 @@ impl<R: Scalar> Reduced<R> {
         self.solution.fill([R::zero(); 3]);
         let report = if left <= rounding {
             let residual = if whole > 0.0 { left / whole } else { 0.0 };
-            SolveReport { solver: solver.name(), iterations: 0, residual, converged: true, rebuilt: false }
+            SolveReport { solver: solver.name(), iterations: 0, residual, converged: true, rebuilt: false, start: 1.0 }
         } else {
             self.matrix.values.fill([R::zero(); 9]);
             for e in &self.entries {

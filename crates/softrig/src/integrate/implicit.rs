@@ -10,7 +10,6 @@
 #![allow(non_snake_case, reason = "symbols of the time integration literature")]
 
 mod check;
-mod lead;
 
 pub(super) use check::finite;
 
@@ -250,13 +249,9 @@ impl<R: Scalar> Implicit<R> {
             // d counts only while x does not contain it, and then only prescribed and linked nodes have one
             let moved = linearisation == 0 && par::first(n, |i| self.d[i] != [R::zero(); 3]).is_some();
             output.elastic_energy = self.forces(body, &c, input, state, moved);
-            let mut norm = self.residual(body, &c, input, state);
+            let norm = self.residual(body, &c, input, state);
             if linearisation == 0 {
                 first = norm;
-                // linked nodes start where their links want them
-                if self.start.is_empty() && solver.gains_from_a_start() {
-                    norm = self.lead(body, &c, input, state, norm);
-                }
             }
             let last = linearisation + 1 == self.linearisations.max(1);
             let asked = if last { input.tolerance } else { earlier_tolerance(input.tolerance, linearisation) };
@@ -269,7 +264,9 @@ impl<R: Scalar> Implicit<R> {
                 let ratio = if norm > 0.0 && norm < first { first / norm } else { 1.0 };
                 let tolerance = (asked * ratio).min(asked.max(0.3));
                 let matrix = self.matrix.as_mut().expect("prepare made it");
-                let mut system = StepSystem::new(body, (c.vd, c.ad), matrix, self.cubes.as_mut());
+                // flesh goes on about as it moves; linked nodes start where their links want them
+                let guess = (linearisation == 0 && self.start.is_empty()).then_some(&state.velocity[..]);
+                let mut system = StepSystem::new(body, (c.vd, c.ad), matrix, self.cubes.as_mut()).with_guess(guess);
                 let report = solver
                     .solve_system(&mut system, &self.rhs, &mut self.correction, tolerance)
                     .map_err(|source| StepError::Solve { time, source })?;

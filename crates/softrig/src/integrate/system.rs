@@ -16,6 +16,7 @@ pub(crate) struct StepSystem<'a, R> {
     matrix: &'a mut BlockCsr<R>,
     cubes: Option<&'a mut CubeMatrix<R>>,
     assembled: bool,
+    guess: Option<&'a [[R; 3]]>,
 }
 
 impl<'a, R: Scalar> StepSystem<'a, R> {
@@ -32,7 +33,12 @@ impl<'a, R: Scalar> StepSystem<'a, R> {
             let diagonal = diagonal(body, factors);
             cubes.diagonal.par_iter_mut().enumerate().with_min_len(par::CHUNK).for_each(|(i, d)| *d = diagonal(i));
         }
-        Self { body, factors, matrix, cubes, assembled: false }
+        Self { body, factors, matrix, cubes, assembled: false, guess: None }
+    }
+
+    /// The same, whose solution may lie along `guess`.
+    pub fn with_guess(self, guess: Option<&'a [[R; 3]]>) -> Self {
+        Self { guess, ..self }
     }
 }
 
@@ -50,13 +56,6 @@ fn lumped<'a, R: Scalar>(
     (vd, ad): (R, R),
 ) -> impl Fn(usize) -> R + Sync + 'a {
     move |i| vd * (drag[i] + mass_damping * mass[i]) + ad * mass[i]
-}
-
-/// Replaces x by (K + vd C + ad M) x, where a body can do that without the matrix; otherwise returns false.
-pub(super) fn product<R: Scalar>(body: &mut Body<R>, factors: (R, R), x: &mut [[R; 3]]) -> bool {
-    let Body { model, mass, drag, mass_damping, stiffness_damping, consistent_mass, .. } = body;
-    let diagonal = lumped(mass, drag, *mass_damping, factors);
-    consistent_mass.is_none() && model.product(factors.0, *stiffness_damping, &diagonal, x)
 }
 
 impl<R: Scalar> LinearSystem<R> for StepSystem<'_, R> {
@@ -91,11 +90,17 @@ impl<R: Scalar> LinearSystem<R> for StepSystem<'_, R> {
     }
 
     fn product(&mut self, x: &mut [[R; 3]]) -> bool {
-        product(self.body, self.factors, x)
+        let Body { model, mass, drag, mass_damping, stiffness_damping, consistent_mass, .. } = &mut *self.body;
+        let diagonal = lumped(mass, drag, *mass_damping, self.factors);
+        consistent_mass.is_none() && model.product(self.factors.0, *stiffness_damping, &diagonal, x)
     }
 
     fn cubes(&mut self) -> Option<&CubeMatrix<R>> {
         self.cubes.as_deref()
+    }
+
+    fn guess(&self) -> Option<&[[R; 3]]> {
+        self.guess
     }
 
     fn rotations(&mut self, out: &mut Vec<[R; 4]>) {

@@ -62,7 +62,7 @@ impl<R: Scalar> LinearSolver<R> for Dense {
         for (r, &i) in free.iter().enumerate() {
             x[i] = std::array::from_fn(|e| R::from_f64(m[3 * r + e][n]));
         }
-        Ok(SolveReport { solver: "dense", iterations: 1, residual: 0.0, converged: true, rebuilt: false })
+        Ok(SolveReport { solver: "dense", iterations: 1, residual: 0.0, converged: true, rebuilt: false, start: 1.0 })
     }
 }
 

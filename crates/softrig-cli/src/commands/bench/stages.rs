@@ -171,10 +171,6 @@ impl<R: Scalar> LinearSolver<R> for TimedSolver<R> {
         self.inner.name()
     }
 
-    fn gains_from_a_start(&self) -> bool {
-        self.inner.gains_from_a_start()
-    }
-
     fn prepare(&mut self, pattern: &Arc<BlockPattern>, constraints: &DofConstraints) -> Result<(), SolveError> {
         self.inner.prepare(pattern, constraints)
     }

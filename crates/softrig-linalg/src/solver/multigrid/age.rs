@@ -30,7 +30,7 @@ impl Age {
     /// After a solve; `rebuild` is what a rebuild costs, in iterations.
     pub fn note(&mut self, report: &SolveReport, rebuild: f64) {
         let iterations = report.iterations as f64;
-        let digits = -report.residual.max(1e-16).log10();
+        let digits = (report.start / report.residual.max(1e-16)).log10();
         let gained = iterations > 0.0 && digits > 0.0;
         let Some(fresh) = self.fresh else {
             self.fresh = Some(if gained { digits / iterations } else { 0.0 });
@@ -53,7 +53,7 @@ mod tests {
     use super::*;
 
     fn solve(iterations: usize, residual: f64) -> SolveReport {
-        SolveReport { solver: "mgpcg", iterations, residual, converged: true, rebuilt: false }
+        SolveReport { solver: "mgpcg", iterations, residual, converged: true, rebuilt: false, start: 1.0 }
     }
 
     /// Solves until it is time, each with so many iterations more than the last.

@@ -194,10 +194,6 @@ impl<R: Scalar> LinearSolver<R> for Multigrid<R> {
         }
     }
 
-    fn gains_from_a_start(&self) -> bool {
-        !matches!(self.settings.outer, Outer::Cycles { count: Some(_) })
-    }
-
     fn traffic(&self) -> Option<Traffic> {
         self.cycle.as_ref().map(|c| c.traffic(self.settings.smoother))
     }

@@ -30,6 +30,7 @@ impl<R: Scalar> Iteration<R> {
             residual,
             converged: residual <= tolerance,
             rebuilt: false,
+            start: 1.0,
         };
         let Some(scale) = self.pattern.scale_of(rhs)? else {
             solution.fill([B::zero(); 3]);

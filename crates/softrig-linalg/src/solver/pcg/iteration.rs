@@ -4,6 +4,8 @@
 //! `p = z + β p`. The free blocks are copied once per solve, nine numbers side by side, so that the loops never meet a
 //! constrained node.
 //!
+//! Where the system has a guess, the first pass starts from the multiple of it that leaves the smallest residual: one product more.
+//!
 //! The recursive residual `r` only decides when to look: what counts is `|b - A x| / |b|` of the rounded solution, computed in
 //! f64 from the caller's matrix. When it is larger than asked for, the iteration starts again from that residual and adds to
 //! the solution, so that an iteration in f32 reaches the digits of f64.
@@ -117,15 +119,32 @@ impl<R: Scalar> Iteration<R> {
     /// `z = V r` instead of `D r`; returns `(rᵀ z, zᵀ q)`.
     fn precondition(&mut self, cycle: &mut Cycle) -> (f64, f64) {
         cycle.apply(self.r.get(), self.z.get_mut());
-        let (r, z, q) = (self.r.get(), self.z.get(), self.q.get());
-        self.partial.par_iter_mut().enumerate().for_each(|(c, partial)| {
-            let rows = c * ROWS..((c + 1) * ROWS).min(r.len());
-            *partial = rows.fold([0.0; 2], |[rz, zq], i| {
-                let dot = |a: &[R; 4]| (0..3).map(|k| a[k].to_f64() * z[i][k].to_f64()).sum::<f64>();
-                [rz + dot(&r[i]), zq + dot(&q[i])]
-            });
+        dots(self.z.get(), [self.r.get(), self.q.get()], &mut self.partial)
+    }
+
+    /// The guess as the first direction: `p` and `q = A p`. Returns its best multiple, which makes `r - alpha q` smallest; zero, with
+    /// nothing in `p` and `q`, where there is no good one.
+    fn lead<B: Scalar>(&mut self, guess: Option<&[[B; 3]]>, cycle: Option<&mut Cycle>, products: bool) -> R {
+        let free = &self.pattern;
+        let Some(guess) = guess.filter(|g| free.node.iter().any(|n| g[*n as usize] != [B::zero(); 3])) else {
+            return R::zero();
+        };
+        self.p.get_mut().par_iter_mut().enumerate().with_min_len(par::CHUNK).for_each(|(row, p)| {
+            let g = free.of_row(guess, row);
+            *p = [R::from_f64(g[0]), R::from_f64(g[1]), R::from_f64(g[2]), R::zero()];
         });
-        self.partial.iter().fold((0.0, 0.0), |sum, p| (sum.0 + p[0], sum.1 + p[1]))
+        match cycle {
+            Some(cycle) if !products => self.product_by(cycle),
+            _ => self.product(),
+        };
+        let (rq, qq) = dots(self.q.get(), [self.r.get(), self.q.get()], &mut self.partial);
+        let alpha = R::from_f64(rq / qq);
+        if qq.is_finite() && alpha.is_finite() {
+            return alpha;
+        }
+        self.p.get_mut().fill([R::zero(); 4]);
+        self.q.get_mut().fill([R::zero(); 4]);
+        R::zero()
     }
 
     /// Symbolic work for the free rows in an order of their own.
@@ -188,20 +207,21 @@ impl<R: Scalar> Iteration<R> {
         });
     }
 
-    /// Runs from the residual in `r` until it has at most the square norm `target`; returns the iterations done and whether
-    /// it got there. `x` is added to.
+    /// Runs from the residual in `r`, less `lead` times `q`, until it has at most the square norm `target`; returns the iterations done
+    /// and the square norm it began with. `x` is added to, `lead` times `p` too.
     fn iterate(
         &mut self,
+        lead: R,
         target: f64,
         limit: usize,
         mut cycle: Option<&mut Cycle>,
         products: bool,
-    ) -> Result<usize, SolveError> {
-        // an update by nothing: z = D r and the dot products; q and p hold zeros or finite leftovers
+    ) -> Result<(usize, f64), SolveError> {
         let jacobi = cycle.is_none();
-        let (mut rz, mut rr) = self.update(R::zero(), jacobi);
+        let (mut rz, mut rr) = self.update(lead, jacobi);
+        let begun = rr;
         if rr <= target {
-            return Ok(0);
+            return Ok((0, begun));
         }
         if let Some(cycle) = &mut cycle {
             rz = self.precondition(cycle).0;
@@ -218,7 +238,7 @@ impl<R: Scalar> Iteration<R> {
             let (rz_before, alpha) = (rz, rz / pq);
             (rz, rr) = self.update(R::from_f64(alpha), jacobi);
             if rr <= target {
-                return Ok(iteration);
+                return Ok((iteration, begun));
             }
             let mut beta = rz / rz_before;
             if let Some(cycle) = &mut cycle {
@@ -229,7 +249,7 @@ impl<R: Scalar> Iteration<R> {
             }
             self.direction(R::from_f64(beta));
         }
-        Ok(limit)
+        Ok((limit, begun))
     }
 
     /// The node that contributes least to `pᵀ A p`, to name one where the matrix is indefinite.
@@ -305,7 +325,14 @@ impl<R: Scalar> Iteration<R> {
         self.load(asked.system, cycle.is_none(), products)?;
         let Some(scale) = self.pattern.scale_of(rhs)? else {
             solution.fill([B::zero(); 3]);
-            return Ok(SolveReport { solver: "pcg", iterations: 0, residual: 0.0, converged: true, rebuilt: false });
+            return Ok(SolveReport {
+                solver: "pcg",
+                iterations: 0,
+                residual: 0.0,
+                converged: true,
+                rebuilt: false,
+                start: 1.0,
+            });
         };
         self.improve(asked, rhs, solution, (tolerance, scale), cycle, products)
     }
@@ -328,7 +355,7 @@ impl<R: Scalar> Iteration<R> {
     ) -> Result<SolveReport, SolveError> {
         let square = self.begin(rhs, scale);
         let (norm, mut left) = (square.sqrt(), square);
-        let mut iterations = 0;
+        let (mut iterations, mut start) = (0, None);
         loop {
             // each pass solves for what is left, of size 1 again: f32 has the digits but not the range
             let part = (-left.sqrt().log2().floor()).exp2();
@@ -337,18 +364,22 @@ impl<R: Scalar> Iteration<R> {
             for v in [&mut self.x, &mut self.p, &mut self.q] {
                 v.get_mut().fill([R::zero(); 4]);
             }
+            let guess = if start.is_none() { asked.system.guess() } else { None };
+            let lead = self.lead(guess, cycle.as_deref_mut(), products);
             // no further than the recursion can be believed
             let goal = (tolerance * norm).powi(2).max(left * (BELIEVED * R::EPSILON.to_f64()).powi(2)) * part * part;
             let limit = self.iteration_limit.saturating_sub(iterations);
             // on the pool's own threads, so that each loop does not enter it anew
-            iterations += rayon::scope(|_| self.iterate(goal, limit, cycle.as_deref_mut(), products))?;
+            let (done, begun) = rayon::scope(|_| self.iterate(lead, goal, limit, cycle.as_deref_mut(), products))?;
+            let start = *start.get_or_insert(begun.sqrt() / (part * norm));
+            iterations += done;
             let before = left;
             let finest = cycle.as_deref().filter(|_| !products).map(Cycle::finest);
             left = self.examine(asked, rhs, scale, part, finest);
             let residual = left.sqrt() / norm;
             if residual <= tolerance {
                 self.pattern.scatter(self.candidate.get(), solution);
-                return Ok(SolveReport { solver: "pcg", iterations, residual, converged: true, rebuilt: false });
+                return Ok(SolveReport { solver: "pcg", iterations, residual, converged: true, rebuilt: false, start });
             }
             // each pass must gain something, or rounding has the last word
             if iterations >= self.iteration_limit || left.is_nan() || left >= 0.25 * before {
@@ -356,4 +387,16 @@ impl<R: Scalar> Iteration<R> {
             }
         }
     }
+}
+
+/// Products of a vector with two others, over chunks of rows and always in the same order.
+fn dots<R: Scalar>(z: &[[R; 4]], with: [&[[R; 4]]; 2], partial: &mut [[f64; 2]]) -> (f64, f64) {
+    partial.par_iter_mut().enumerate().for_each(|(c, partial)| {
+        let rows = c * ROWS..((c + 1) * ROWS).min(z.len());
+        *partial = rows.fold([0.0; 2], |sum, i| {
+            let dot = |a: &[R; 4]| (0..3).map(|k| a[k].to_f64() * z[i][k].to_f64()).sum::<f64>();
+            [sum[0] + dot(&with[0][i]), sum[1] + dot(&with[1][i])]
+        });
+    });
+    partial.iter().fold((0.0, 0.0), |sum, p| (sum.0 + p[0], sum.1 + p[1]))
 }
