@@ -109,6 +109,41 @@ impl<const N: usize> Scatter<N> {
         });
     }
 
+    /// As [`Self::for_chunks`], and beside the parts of a chunk what its cells have in `beside`, `size` items for each chunk.
+    ///
+    /// # Panics
+    /// When there are not [`Self::part_count`] parts.
+    pub fn for_chunks_beside<T: Send, U: Send>(
+        &self,
+        parts: &mut [T],
+        beside: &mut [U],
+        size: usize,
+        work: impl Fn(usize, &mut [T], &mut [U]) + Sync,
+    ) {
+        assert_eq!(parts.len(), self.part_count());
+        self.halve(0..self.first.len() - 1, parts, beside, size, &work);
+    }
+
+    fn halve<T: Send, U: Send>(
+        &self,
+        chunks: Range<usize>,
+        parts: &mut [T],
+        beside: &mut [U],
+        size: usize,
+        work: &(impl Fn(usize, &mut [T], &mut [U]) + Sync),
+    ) {
+        if chunks.len() <= 1 {
+            return chunks.for_each(|c| work(c, &mut *parts, &mut *beside));
+        }
+        let half = chunks.start + chunks.len() / 2;
+        let (p, q) = parts.split_at_mut((self.first[half] - self.first[chunks.start]) as usize);
+        let (a, b) = beside.split_at_mut(((half - chunks.start) * size).min(beside.len()));
+        rayon::join(
+            || self.halve(chunks.start..half, p, a, size, work),
+            || self.halve(half..chunks.end, q, b, size, work),
+        );
+    }
+
     /// What a sum reads of it [bytes].
     #[must_use]
     pub fn bytes(&self) -> usize {

@@ -151,17 +151,38 @@ impl<R: Scalar> Corotated<R> {
         self.shapes.len()
     }
 
-    /// Makes the parts that the forces that are asked for are sums of.
-    fn fill_parts(&mut self, load: impl TetLoad<R> + HexLoad<R>) {
-        let Self { tets, tet_q, tet_parts, hexes, hex_q, hex_parts, hex_scatter, shapes, .. } = self;
+    /// Makes the parts that the forces of tetrahedra are sums of.
+    fn fill_tet_parts(&mut self, load: impl TetLoad<R>) {
+        let Self { tets, tet_q, tet_parts, .. } = self;
         let tets = &*tets;
         tets.scatter.for_chunks(tet_parts, |chunk, _, parts| {
             run_wide::<R, _>(tet::Forces { tets, chunk, q: par::chunk(tet_q, chunk, TASK), load, parts });
         });
+    }
+
+    /// Those of hexahedra.
+    fn fill_hex_parts(&mut self, load: impl HexLoad<R>) {
+        let Self { hexes, hex_q, hex_parts, hex_scatter, shapes, .. } = self;
         hex_scatter.for_chunks(hex_parts, |c, local, parts| {
             let (blocks, q, nodes) = (par::chunk(hexes, c, TASK), par::chunk(hex_q, c, TASK), hex_scatter.nodes(c));
             run_wide::<R, _>(hex::Forces { blocks, shapes, q, load, nodes, local, parts });
         });
+    }
+
+    /// Rotations of the hexahedra.
+    fn turn_hexes(&mut self, position: &[[R; 3]]) {
+        let Self { hexes, shapes, hex_scatter, .. } = self;
+        let hexes = hexes.par_chunks(TASK).zip(self.hex_q.par_chunks_mut(TASK)).enumerate();
+        hexes.for_each(|(c, (blocks, q))| {
+            let (nodes, local) = (hex_scatter.nodes(c), hex_scatter.local(c));
+            run_wide::<R, _>(hex::Rotate { blocks, shapes, nodes, local, position, q });
+        });
+    }
+
+    /// What the parts of the last internal forces have of energy [J].
+    fn energy(&self) -> f64 {
+        let of = |parts: &[[R; 4]]| par::sum(parts.len(), |range| parts[range].iter().map(|p| p[3].to_f64()).sum());
+        of(&self.tet_parts) + of(&self.hex_parts)
     }
 
     /// Sums the parts up at the nodes.
@@ -217,26 +238,41 @@ impl<R: Scalar> ForceModel<R> for Corotated<R> {
         if self.rotations == Rotations::Fixed {
             return;
         }
-        let Self { tets, hexes, shapes, hex_scatter, .. } = self;
+        let Self { tets, .. } = self;
         self.tet_q.par_chunks_mut(TASK).enumerate().for_each(|(chunk, q)| {
             run_wide::<R, _>(tet::Rotate { tets, chunk, position, q });
         });
-        let hexes = hexes.par_chunks(TASK).zip(self.hex_q.par_chunks_mut(TASK)).enumerate();
-        hexes.for_each(|(c, (blocks, q))| {
-            let (nodes, local) = (hex_scatter.nodes(c), hex_scatter.local(c));
-            run_wide::<R, _>(hex::Rotate { blocks, shapes, nodes, local, position, q });
-        });
+        self.turn_hexes(position);
     }
 
     fn force(&mut self, position: &[[R; 3]], increment: Increment<'_, R>, force: &mut [[R; 3]]) -> f64 {
-        self.fill_parts(Internal { position, increment, rotate: self.rotations == Rotations::Follow });
+        let load = Internal { position, increment, rotate: self.rotations == Rotations::Follow };
+        self.fill_tet_parts(load);
+        self.fill_hex_parts(load);
         self.gather_parts(None, force);
-        let energy = |parts: &[[R; 4]]| par::sum(parts.len(), |range| parts[range].iter().map(|p| p[3].to_f64()).sum());
-        energy(&self.tet_parts) + energy(&self.hex_parts)
+        self.energy()
+    }
+
+    fn linearise_and_force(&mut self, position: &[[R; 3]], increment: Increment<'_, R>, force: &mut [[R; 3]]) -> f64 {
+        if self.rotations == Rotations::Fixed {
+            return self.force(position, increment, force);
+        }
+        let load = Internal { position, increment, rotate: true };
+        let Self { tets, tet_q, tet_parts, .. } = self;
+        let tets = &*tets;
+        tets.scatter.for_chunks_beside(tet_parts, tet_q, TASK, |chunk, parts, q| {
+            run_wide::<R, _>(tet::RotateAndForces { tets, chunk, q, load, parts });
+        });
+        self.turn_hexes(position);
+        self.fill_hex_parts(load);
+        self.gather_parts(None, force);
+        self.energy()
     }
 
     fn product(&mut self, rate: R, damping: R, diagonal: Diagonal<'_, R>, x: &mut [[R; 3]]) -> bool {
-        self.fill_parts(Product { x: &*x, rate, damping });
+        let load = Product { x: &*x, rate, damping };
+        self.fill_tet_parts(load);
+        self.fill_hex_parts(load);
         self.gather_parts(Some(diagonal), x);
         true
     }

@@ -47,6 +47,12 @@ pub trait ForceModel<R: Scalar>: Send + Sync {
     /// [`Self::linearise`], `K` its stiffness, `C = Σ b K` over the cells. Returns the elastic energy at `x` [J].
     fn force(&mut self, position: &[[R; 3]], increment: Increment<'_, R>, force: &mut [[R; 3]]) -> f64;
 
+    /// [`Self::linearise`] and [`Self::force`], in one pass over the cells where a model can.
+    fn linearise_and_force(&mut self, position: &[[R; 3]], increment: Increment<'_, R>, force: &mut [[R; 3]]) -> f64 {
+        self.linearise(position);
+        self.force(position, increment, force)
+    }
+
     /// Whether any cell has a stiffness damping of its own; where none has and none is added, velocities need not be given.
     fn is_damped(&self) -> bool {
         true

@@ -6,12 +6,13 @@
 #![allow(non_snake_case, reason = "symbols of the continuum mechanics literature")]
 
 mod constants;
+mod warp;
 
 pub use constants::tet_gradients;
 pub(super) use constants::{TetConstants, Tets};
+pub(super) use warp::{Warped, warp};
 
 use super::assembly::Increment;
-use super::incidence::GROUP;
 use super::load::{Internal, Load, Near, Product, Vectors, corner, gather};
 use super::polar::{polar, rotation, symmetric};
 use softrig_linalg::{CELLS, Kernel, Lane, Mat3, Scalar, Vec3, Wide, add_four};
@@ -90,64 +91,6 @@ impl<R: Scalar> Kernel for Rotate<'_, R> {
                     store(&mut self.q[k][c], first, q[c]);
                 }
             }
-        }
-    }
-}
-
-/// What the assembly reads of a cell: for each corner h_a = sqrt(V mu c) R g_a, c = 1 + rate (b + damping), so that
-/// c K_ab = (lam / mu) h_a h_bᵀ + h_b h_aᵀ + (h_a . h_b) I; and lam / mu in the fourth place of the first.
-pub(super) type Warped<R> = [[R; 4]; 4];
-
-/// The cells of a group as the assembly reads them, in its numbers; `factors` are rate and damping.
-#[inline(always)]
-pub(super) fn warp<R: Scalar, A: Scalar, const W: usize>(
-    tets: &Tets<R>,
-    q: &[[[R; BLOCK]; 4]],
-    group: usize,
-    factors: [R; 2],
-    warped: &mut [Warped<A>; GROUP],
-) {
-    let block = group * GROUP / BLOCK;
-    let first = group * GROUP % BLOCK;
-    if W > GROUP {
-        warp_lanes::<R, A, GROUP>(tets, q, block, first, factors, warped);
-    } else {
-        for k in (0..GROUP).step_by(W) {
-            warp_lanes::<R, A, W>(tets, q, block, first + k, factors, &mut warped[k..]);
-        }
-    }
-}
-
-#[inline(always)]
-fn warp_lanes<R: Scalar, A: Scalar, const W: usize>(
-    tets: &Tets<R>,
-    q: &[[[R; BLOCK]; 4]],
-    block: usize,
-    first: usize,
-    [rate, damping]: [R; 2],
-    warped: &mut [Warped<A>],
-) {
-    let rot = rotation(load_q::<R, W>(&q[block], first));
-    let g = tets.gradients::<W>(block, first);
-    let [lambda, mu, b] = tets.moduli::<W>(block, first);
-    let factor = Wide::splat(R::one()) + Wide::splat(rate) * (b + Wide::splat(damping));
-    let root = (mu * factor).sqrt();
-    let h = [(rot * g[0]).scale(root), (rot * g[1]).scale(root), (rot * g[2]).scale(root)];
-    let zero = Wide::splat(R::zero());
-    // gradients add up to nothing
-    let all = [(-(h[0] + h[1] + h[2]), lambda / mu), (h[0], zero), (h[1], zero), (h[2], zero)];
-    for a in 0..4 {
-        let (Vec3([x, y, z]), last) = all[a];
-        let rows = [&x.0, &y.0, &z.0, &last.0];
-        for k in 0..W / 4 {
-            let part = [&rows[0].as_chunks::<4>().0[k], &rows[1].as_chunks::<4>().0[k]];
-            let rest = [&rows[2].as_chunks::<4>().0[k], &rows[3].as_chunks::<4>().0[k]];
-            for (out, quad) in warped[4 * k..].iter_mut().zip(R::transposed([part[0], part[1], rest[0], rest[1]])) {
-                out[a] = quad.map(cast);
-            }
-        }
-        for i in W - W % 4..W {
-            warped[i][a] = [rows[0][i], rows[1][i], rows[2][i], rows[3][i]].map(cast);
         }
     }
 }
@@ -235,8 +178,20 @@ pub(super) trait TetLoad<R: Scalar>: Load<R> {
 impl<R: Scalar> TetLoad<R> for Internal<'_, R> {
     #[inline(always)]
     fn tets<const W: usize>(&self, cells: TetCells<'_, R, W>) -> ([Vec3<Wide<R, W>>; 4], Wide<R, W>) {
-        let inverse = cells.rotation.transpose();
         let F = cells.gradient(cells.corners(&cells.near.x));
+        self.of_gradient(cells, F)
+    }
+}
+
+impl<R: Scalar> Internal<'_, R> {
+    /// Forces at the corners of `W` cells with these deformation gradients, and their energies.
+    #[inline(always)]
+    fn of_gradient<const W: usize>(
+        &self,
+        cells: TetCells<'_, R, W>,
+        F: Mat3<Wide<R, W>>,
+    ) -> ([Vec3<Wide<R, W>>; 4], Wide<R, W>) {
+        let inverse = cells.rotation.transpose();
         // corotated strain and the energy in it
         let mut E = symmetric(inverse * F) - Mat3::identity();
         let t = E.trace();
@@ -307,6 +262,49 @@ impl<R: Scalar, L: TetLoad<R>> Kernel for Forces<'_, R, L> {
                     mu,
                     damping,
                 });
+                out.set(first, f, energy);
+            }
+            out.add(&local[k * BLOCK..], self.parts);
+        }
+    }
+}
+
+/// [`Rotate`] and the [`Forces`] of the internal load in one pass: gradients are made, and positions read, once.
+pub(super) struct RotateAndForces<'a, R> {
+    pub tets: &'a Tets<R>,
+    pub chunk: usize,
+    pub q: &'a mut [[[R; BLOCK]; 4]],
+    pub load: Internal<'a, R>,
+    pub parts: &'a mut [[R; 4]],
+}
+
+impl<R: Scalar> Kernel for RotateAndForces<'_, R> {
+    type Output = ();
+    #[inline(always)]
+    fn run<const W: usize>(self) {
+        let (nodes, local) = (self.tets.scatter.nodes(self.chunk), self.tets.scatter.local(self.chunk));
+        let mut near = Near::<R, PARTS>::new();
+        self.load.gather(nodes, &mut near);
+        self.parts.fill([R::zero(); 4]);
+        let mut out = Corners::<R, 4>::zero();
+        for k in 0..self.q.len() {
+            let block = self.chunk * TASK + k;
+            for first in (0..BLOCK).step_by(W) {
+                let cell = k * BLOCK + first;
+                if cell >= local.len() {
+                    break;
+                }
+                let gradient = self.tets.gradients::<W>(block, first);
+                let F = gradient_of(corners(&near.x, local, cell), gradient);
+                let q = polar(F, load_q::<R, W>(&self.q[k], first));
+                for c in 0..4 {
+                    store(&mut self.q[k][c], first, q[c]);
+                }
+                let [lambda, mu, damping] = self.tets.moduli(block, first);
+                let rotation = rotation(q);
+                let cells =
+                    TetCells::<R, W> { near: &near, local, first: cell, gradient, rotation, lambda, mu, damping };
+                let (f, energy) = self.load.of_gradient(cells, F);
                 out.set(first, f, energy);
             }
             out.add(&local[k * BLOCK..], self.parts);

@@ -13,7 +13,7 @@ mod check;
 
 pub(super) use check::finite;
 
-use check::{check, is_finite};
+use check::check;
 
 use super::system::StepSystem;
 use super::{Integrator, State, StepError, StepInput, StepOutput, earlier_tolerance};
@@ -173,7 +173,7 @@ impl<R: Scalar> Implicit<R> {
         motion(body, c, input, i, [self.d[i], state.velocity[i], state.acceleration[i]])
     }
 
-    /// Writes f = f_int + K d + b K v' to the right-hand side, with d where `moved` says so. Returns the elastic energy.
+    /// Linearises at x, and writes f = f_int + K d + b K v' to the right-hand side, with d where `moved` says so. Returns the elastic energy.
     fn forces(
         &mut self,
         body: &mut Body<R>,
@@ -191,7 +191,7 @@ impl<R: Scalar> Implicit<R> {
             self.v = v;
         }
         let increment = body.increment(moved.then_some(&self.d[..]), &self.v);
-        body.model.force(&self.x, increment, &mut self.rhs)
+        body.model.linearise_and_force(&self.x, increment, &mut self.rhs)
     }
 
     /// Makes r = f_ext − f − M a' − a M v' of the f in the right-hand side on free nodes, zero on the others. Returns |r|.
@@ -245,7 +245,6 @@ impl<R: Scalar> Implicit<R> {
         (output.iterations, output.residual, output.converged) = (0, 0.0, true);
         let mut first = 0.0;
         for linearisation in 0..self.linearisations.max(1) {
-            body.model.linearise(&self.x);
             // d counts only while x does not contain it, and then only prescribed and linked nodes have one
             let moved = linearisation == 0 && par::first(n, |i| self.d[i] != [R::zero(); 3]).is_some();
             output.elastic_energy = self.forces(body, &c, input, state, moved);
@@ -289,15 +288,16 @@ impl<R: Scalar> Implicit<R> {
                 }
             });
         }
+        // the velocities wait where the correction was
+        let (d, still) = (&self.d, &*body);
+        self.correction.par_iter_mut().enumerate().with_min_len(par::CHUNK).for_each(|(i, v)| {
+            [*v, _] = motion(still, &c, input, i, [d[i], state.velocity[i], state.acceleration[i]]);
+        });
         finite("position", time, &self.x)?;
-        let velocity = |i: usize| self.motion(body, &c, input, state, i)[0];
-        if let Some(node) = par::first(n, |i| !is_finite(&velocity(i))) {
-            return Err(StepError::NotFinite { time, what: "velocity", node });
-        }
+        finite("velocity", time, &self.correction)?;
         if input.reactions {
             output.reaction.clear();
-            body.model.linearise(&self.x);
-            output.elastic_energy = body.model.force(&self.x, Increment::none(), &mut self.rhs);
+            output.elastic_energy = body.model.linearise_and_force(&self.x, Increment::none(), &mut self.rhs);
             let on = |i: usize| if body.constraints.is_constrained(i) { self.rhs[i] } else { [R::zero(); 3] };
             output.reaction.extend((0..n).map(on));
         }
@@ -331,8 +331,11 @@ impl<R: Scalar> Integrator<R> for Implicit<R> {
         }
         let c = self.scheme.constants(input.dt);
         let (d, still) = (&self.d, &*body);
-        let both = state.velocity.par_iter_mut().zip(&mut state.acceleration).enumerate().with_min_len(par::CHUNK);
-        both.for_each(|(i, (v, a))| [*v, *a] = motion(still, &c, input, i, [d[i], *v, *a]));
+        let (velocity, accelerations) = (&state.velocity, state.acceleration.par_iter_mut());
+        accelerations.enumerate().with_min_len(par::CHUNK).for_each(|(i, a)| {
+            [_, *a] = motion(still, &c, input, i, [d[i], velocity[i], *a]);
+        });
+        std::mem::swap(&mut state.velocity, &mut self.correction);
         std::mem::swap(&mut state.position, &mut self.x);
         state.time += input.dt;
         output.kinetic_energy = body.kinetic_energy(&state.velocity);

@@ -83,6 +83,10 @@ impl<R: Scalar> ForceModel<R> for TimedModel<R> {
         timed(&self.clocks.rotations, || self.inner.linearise(position));
     }
 
+    fn linearise_and_force(&mut self, position: &[[R; 3]], increment: Increment<'_, R>, force: &mut [[R; 3]]) -> f64 {
+        timed(&self.clocks.forces, || self.inner.linearise_and_force(position, increment, force))
+    }
+
     fn force(&mut self, position: &[[R; 3]], increment: Increment<'_, R>, force: &mut [[R; 3]]) -> f64 {
         timed(&self.clocks.forces, || self.inner.force(position, increment, force))
     }

@@ -55,7 +55,11 @@ impl<'a, A: Scalar> Fill<'a, A> {
     /// Takes the blocks of a node's row in the whole system, if the node has one here; `columns` are the nodes of `blocks`.
     #[inline(always)]
     pub fn take_node<R: Scalar>(&self, free: &FreePattern, node: usize, columns: &[u32], blocks: &[[R; 9]]) {
-        if let Some(row) = free.row_of(node) {
+        let Some(row) = free.row_of(node) else { return };
+        if !free.is_masked() && free.row(row).len() == columns.len() {
+            // all of its columns are free
+            self.take(row, blocks.iter().map(|block| block.map(|v| A::from_f64(v.to_f64()))));
+        } else {
             self.take(row, free.blocks_of(row, columns, blocks));
         }
     }

@@ -1,7 +1,7 @@
 //! What does not change about tetrahedra.
 #![allow(non_snake_case, reason = "symbols of the continuum mechanics literature")]
 
-use super::{BLOCK, TASK, load};
+use super::{BLOCK, TASK, cast, load};
 use softrig_linalg::{Lane, Mat3, Scalar, Scatter, Vec3, Wide};
 
 /// Constants of tetrahedra, block by block. The last block repeats its last cell.
@@ -103,6 +103,37 @@ impl<R: Scalar> Tets<R> {
         ];
         let inverse = Mat3::from_columns(X[1] - X[0], X[2] - X[0], X[3] - X[0]).inverse();
         [inverse.row(0), inverse.row(1), inverse.row(2)]
+    }
+
+    /// Edges of `W` cells of the rest shape from corner 0 [m], as differences of all digits, rounded then. Of bodies in f32, which keep
+    /// gradients instead, zero.
+    #[inline(always)]
+    pub(super) fn edges<A: Scalar, const W: usize>(&self, block: usize, first: usize) -> [Vec3<Wide<A, W>>; 3] {
+        let mut edges = [Vec3([Wide([A::zero(); W]); 3]); 3];
+        let Gradients::Made(rest) = &self.gradients else { return edges };
+        let chunk = block / TASK;
+        let (nodes, local, first) =
+            (self.scatter.nodes(chunk), self.scatter.local(chunk), block % TASK * BLOCK + first);
+        let last = local.len() - 1;
+        for k in 0..W / 4 {
+            let mut rows = [[[A::zero(); 4]; 4]; 3];
+            for i in 0..4 {
+                let cell = local[(first + 4 * k + i).min(last)];
+                let from = Wide(rest[nodes[cell[0] as usize] as usize]);
+                for a in 0..3 {
+                    let edge = Wide(rest[nodes[cell[a + 1] as usize] as usize]) - from;
+                    rows[a][i] = edge.0.map(cast);
+                }
+            }
+            for a in 0..3 {
+                let [p, q, r, s] = &rows[a];
+                let numbers = A::transposed([p, q, r, s]);
+                for c in 0..3 {
+                    edges[a].0[c].0.as_chunks_mut::<4>().0[k] = numbers[c];
+                }
+            }
+        }
+        edges
     }
 
     /// V lam, V mu and b of `W` cells.
