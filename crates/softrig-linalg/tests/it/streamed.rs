@@ -12,6 +12,7 @@ struct Streamed<'a, R> {
     free: Option<Vec<bool>>,
     left_out: usize,
     products: usize,
+    guess: Option<Vec<[R; 3]>>,
 }
 
 impl<R: Scalar> Rows<R> for Streamed<'_, R> {
@@ -38,6 +39,10 @@ impl<R: Scalar> LinearSystem<R> for Streamed<'_, R> {
 
     fn rows(&mut self) -> &dyn Rows<R> {
         self
+    }
+
+    fn guess(&self) -> Option<&[[R; 3]]> {
+        self.guess.as_deref()
     }
 
     fn product(&mut self, y: &mut [[R; 3]]) -> bool {
@@ -78,7 +83,8 @@ fn as_good_as_stored<R: Scalar>(tolerance: f64) -> usize {
         stored.prepare(&s.matrix.pattern, &s.constraints).unwrap();
         let first = stored.solve(&s.matrix, &s.rhs, &mut x[0], tolerance).unwrap();
         streamed.prepare(&s.matrix.pattern, &s.constraints).unwrap();
-        let mut system = Streamed { matrix: &s.matrix, free: Some(free.clone()), left_out: usize::MAX, products: 0 };
+        let mut system =
+            Streamed { matrix: &s.matrix, free: Some(free.clone()), left_out: usize::MAX, products: 0, guess: None };
         let second = streamed.solve_system(&mut system, &s.rhs, &mut x[1], tolerance).unwrap();
         assert_eq!(x[0], x[1], "{} {tolerance:e}", streamed.name());
         assert!((first.residual - second.residual).abs() < 1e-13, "{first:?} {second:?}");
@@ -103,9 +109,53 @@ fn a_row_that_never_comes_is_an_error() {
     for mut solver in solvers::<f64>(400) {
         solver.prepare(&s.matrix.pattern, &s.constraints).unwrap();
         let mut x = vec![[7.0; 3]; 400];
-        let mut system = Streamed { matrix: &s.matrix, free: None, left_out: missing, products: 0 };
+        let mut system = Streamed { matrix: &s.matrix, free: None, left_out: missing, products: 0, guess: None };
         let result = solver.solve_system(&mut system, &s.rhs, &mut x, 1e-3);
         assert_eq!(result, Err(SolveError::NotPrepared), "{}", solver.name());
         assert!(x.iter().all(|x| *x == [7.0; 3]));
     }
+}
+
+/// A guess that is twice the solution is the solution; one near it saves iterations; one that says nothing, or is not a number where it
+/// counts, does no harm; and what it holds at constrained nodes does not matter. The residual stays that of the whole system.
+fn starts_from_guesses<R: Scalar>() {
+    let s: System<R> = random_system(400, 900, 10.0, 0.15, 13);
+    let free: Vec<bool> = s.constraints.mask().iter().map(|held| !held).collect();
+    for mut solver in solvers::<R>(400) {
+        solver.prepare(&s.matrix.pattern, &s.constraints).unwrap();
+        let mut exact = vec![[R::zero(); 3]; 400];
+        solver.solve(&s.matrix, &s.rhs, &mut exact, 1e-5).unwrap();
+        let mut from = |factor: f64, wrong: f64, unknown: f64| {
+            let of = |i: usize, c: usize| {
+                let wave = (1.7 * (3 * i + c) as f64).sin() * unknown;
+                if free[i] { factor * exact[i][c].to_f64() * (1.0 + wave) + 1e-3 * wave } else { wrong }
+            };
+            let guess = (0..400).map(|i| std::array::from_fn(|c| R::from_f64(of(i, c)))).collect();
+            let free = Some(free.clone());
+            let mut system =
+                Streamed { matrix: &s.matrix, free, left_out: usize::MAX, products: 0, guess: Some(guess) };
+            let mut x = vec![[R::zero(); 3]; 400];
+            solver.forget();
+            let report = solver.solve_system(&mut system, &s.rhs, &mut x, 1e-4).unwrap();
+            assert!((report.residual - s.residual(&x)).abs() < 1e-12 && report.converged, "{report:?}");
+            assert!(report.start <= 1.0 + 1e-6 && report.start > 0.0, "{report:?}");
+            report
+        };
+        let nothing = from(0.0, 0.0, 0.0);
+        assert_eq!(nothing.start, 1.0);
+        let whole = from(2.0, 1e30, 0.0);
+        assert!(whole.iterations == 0 && whole.start < 1e-4, "{whole:?}");
+        let near = from(-0.3, 0.0, 0.05);
+        assert!(near.start < 0.5 && near.iterations < nothing.iterations, "{near:?} {nothing:?}");
+        let none = from(f64::NAN, 0.0, 0.0);
+        assert_eq!((none.start, none.iterations), (1.0, nothing.iterations));
+        let huge = from(1e35, 0.0, 0.0);
+        assert!(huge.iterations <= nothing.iterations, "{huge:?}");
+    }
+}
+
+#[test]
+fn iterations_start_from_the_best_multiple_of_a_guess() {
+    starts_from_guesses::<f32>();
+    starts_from_guesses::<f64>();
 }

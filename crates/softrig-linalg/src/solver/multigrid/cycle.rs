@@ -150,16 +150,22 @@ impl Cycle {
 
     /// `z = V r`: one cycle from zero.
     pub fn apply<R: Scalar>(&mut self, r: &[[R; 4]], z: &mut [[R; 4]]) {
-        // f32 has room for the residual of any scaled system, but not for squares of tiny ones: scale to 1
-        let largest_of = |r: &[[R; 4]]| r.iter().flatten().fold(0.0f64, |m, v| m.max(v.to_f64().abs()));
+        // f32 has room for the residual of any scaled system, but not for squares of tiny ones: scale to about 1
+        let largest_of = |r: &[[R; 4]]| {
+            let larger =
+                |m: [R; 4], r: &[R; 4]| std::array::from_fn(|k| if r[k].abs() > m[k] { r[k].abs() } else { m[k] });
+            r.iter().fold([R::zero(); 4], larger).iter().fold(0.0, |m: f64, v| m.max(v.to_f64()))
+        };
         let largest = r.par_chunks(par::CHUNK).map(largest_of).reduce(|| 0.0, f64::max);
-        let scale = if largest > 0.0 { 1.0 / largest } else { 1.0 };
+        // by a power of two, which rounds nothing
+        let exponent = if largest > 0.0 { -largest.log2().floor().clamp(-1000.0, 1000.0) } else { 0.0 };
+        let (scale, back) = (exponent.exp2(), (-exponent).exp2());
         self.levels[0].b.get_mut().par_iter_mut().zip(r).with_min_len(par::CHUNK).for_each(|(b, r)| {
             *b = r.map(|v| (v.to_f64() * scale) as f32);
         });
         self.descend(0);
         z.par_iter_mut().zip(self.levels[0].x.get()).with_min_len(par::CHUNK).for_each(|(z, x)| {
-            *z = x.map(|v| R::from_f64(f64::from(v) / scale));
+            *z = x.map(|v| R::from_f64(f64::from(v) * back));
         });
     }
 

@@ -315,12 +315,14 @@ fn add(sum: &mut [f32; 9], w: f32, a: &[f32; 9]) {
 pub(super) fn interpolate_add(p: &Weights, x: &[[f32; 4]], out: &mut [[f32; 4]]) {
     out.par_chunks_mut(ROWS).enumerate().for_each(|(c, out)| {
         for (i, out) in out.iter_mut().enumerate() {
-            for k in p.row(c * ROWS + i) {
-                let (w, x) = (p.weight[k], x[p.column[k] as usize]);
-                for j in 0..4 {
-                    out[j] += w * x[j];
-                }
+            let row = p.row(c * ROWS + i);
+            // two sums: one addition need not wait for the last one
+            let mut sums = [[0.0; 4]; 2];
+            for (k, (w, column)) in p.weight[row.clone()].iter().zip(&p.column[row]).enumerate() {
+                let x = x[*column as usize];
+                (0..4).for_each(|j| sums[k % 2][j] += w * x[j]);
             }
+            (0..4).for_each(|j| out[j] += sums[0][j] + sums[1][j]);
         }
     });
 }

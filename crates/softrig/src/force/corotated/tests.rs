@@ -210,3 +210,66 @@ fn products_are_those_of_the_matrix() {
         }
     }
 }
+
+/// One pass over the cells does what two do, to the bit, and on any number of threads, from wherever the rotations were.
+#[test]
+fn one_pass_is_two() {
+    let (mesh, map) = mixed();
+    let pattern = Arc::new(BlockPattern::from_cells(mesh.node_count(), mesh.cells()));
+    let bent = |s: f64, x: &[f64; 3]| [x[0] + s * x[1] * x[1], x[1] - 0.3 * s * x[2], 1.1 * x[2] - s * x[0]];
+    let run = |threads, rotations, once: bool| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            let mut model = Corotated::<f64>::new(&mesh, &map, pattern.clone(), rotations);
+            let mut force = vec![[0.0; 3]; mesh.node_count()];
+            let mut energy = 0.0;
+            for s in [0.1, 0.4, 0.9] {
+                let x: Vec<[f64; 3]> = mesh.nodes.iter().map(|x| bent(s, x)).collect();
+                let increment = Increment { displacement: Some(&x), ..Increment::none() };
+                energy = if once {
+                    model.linearise_and_force(&x, increment, &mut force)
+                } else {
+                    model.linearise(&x);
+                    model.force(&x, increment, &mut force)
+                };
+            }
+            (force, energy, model.history())
+        })
+    };
+    for rotations in [Rotations::Follow, Rotations::Fixed] {
+        let two = run(1, rotations, false);
+        assert!(two.1 > 0.0);
+        assert_eq!(run(1, rotations, true), two);
+        assert_eq!(run(3, rotations, true), two);
+    }
+}
+
+/// Rows summed up in f32 are as good for flat cells, tiny ones, and needles as for others: those are turned with all digits.
+#[test]
+fn rows_in_single_precision_know_flat_cells() {
+    let flat = |size: f64, height: f64| {
+        let corner = [[0.0, 0.0, 0.0], [1.0, 0.1, 0.0], [0.2, 1.0, 0.0], [0.4, 0.3, height], [0.3, 0.4, -1.0]];
+        let nodes = corner.iter().map(|x| x.map(|c| 5.0 * size + size * c)).collect();
+        VolumeMesh { nodes, tets: vec![[0, 1, 2, 3], [0, 2, 1, 4]], ..VolumeMesh::default() }
+    };
+    for (size, height) in [(1.0, 0.5), (1.0, 1e-3), (1.0, 1e-6), (1.0, 1e-8), (1e-7, 0.5), (1e5, 1e-4)] {
+        let mesh = flat(size, height);
+        let pattern = Arc::new(BlockPattern::from_cells(mesh.node_count(), mesh.cells()));
+        let map = MaterialMap::uniform(Material::default());
+        let mut model = Corotated::<f64>::new(&mesh, &map, pattern.clone(), Rotations::Follow);
+        let turned: Vec<[f64; 3]> = mesh.nodes.iter().map(|[x, y, z]| [-y, *x, 1.001 * z]).collect();
+        model.linearise(&turned);
+        let mut matrix = BlockCsr::zero(pattern.clone());
+        model.stiffness(0.0, 0.0, &mut matrix);
+        for part in 0..model.row_parts() {
+            model.stiffness_rows_in_single(0.0, 0.0, part, &mut |node, blocks| {
+                let exact = &matrix.values[pattern.row(node)];
+                let largest = exact.iter().flatten().fold(0.0f64, |m, v| m.max(v.abs()));
+                for (single, exact) in blocks.iter().flatten().zip(exact.iter().flatten()) {
+                    let error = (f64::from(*single) - exact).abs() / largest;
+                    assert!(error < 2e-5, "size {size}, height {height}, row {node}: {single} {exact}");
+                }
+            });
+        }
+    }
+}
