@@ -35,10 +35,8 @@ pub struct Time {
 /// Where a step's time goes [ms].
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Stages {
-    /// Rotations of the cells.
-    pub rotations_ms: Time,
-    /// Internal forces.
-    pub forces_ms: Time,
+    /// Rotations of the cells, and the internal forces that come from the same pass.
+    pub rotations_and_forces_ms: Time,
     /// Assembling the stiffness matrix, or what stands for it.
     pub assembly_ms: Time,
     /// The linear solves, rebuilds of coarse operators included.
@@ -112,8 +110,8 @@ pub struct Measurement {
 /// Collects the steps of a run.
 #[derive(Default)]
 pub struct Record {
-    /// Whole step, rotations, forces, assembly, solve, embedding, other [ms].
-    times: [Vec<f64>; 7],
+    /// Whole step, rotations and forces, assembly, solve, embedding, other [ms].
+    times: [Vec<f64>; 6],
     iterations: Vec<usize>,
     residual: f64,
     rebuilds: usize,
@@ -122,9 +120,9 @@ pub struct Record {
 impl Record {
     /// Adds a step; `whole` and `embedding` in ms.
     pub fn add(&mut self, whole: f64, embedding: f64, taken: Taken, iterations: usize, residual: f64) {
-        let [rotations, forces, assembly, solve] = taken.times;
-        let other = whole - rotations - forces - assembly - solve - embedding;
-        for (list, t) in self.times.iter_mut().zip([whole, rotations, forces, assembly, solve, embedding, other]) {
+        let [forces, assembly, solve] = taken.times;
+        let other = whole - forces - assembly - solve - embedding;
+        for (list, t) in self.times.iter_mut().zip([whole, forces, assembly, solve, embedding, other]) {
             list.push(t);
         }
         self.iterations.push(iterations);
@@ -143,7 +141,7 @@ impl Record {
     ) -> Measurement {
         self.iterations.sort_unstable();
         let iterations = self.iterations[self.iterations.len() / 2];
-        let [step, rotations_ms, forces_ms, assembly_ms, solve_ms, embedding_ms, other_ms] = self.times.map(Time::of);
+        let [step, rotations_and_forces_ms, assembly_ms, solve_ms, embedding_ms, other_ms] = self.times.map(Time::of);
         let traffic = traffic.filter(|_| iterations > 0).map(|t| {
             let total = (t.moved * iterations) as f64;
             TrafficReport {
@@ -167,7 +165,7 @@ impl Record {
             iterations,
             residual: self.residual,
             solves_by: clocks.solves(),
-            stages: Stages { rotations_ms, forces_ms, assembly_ms, solve_ms, embedding_ms, other_ms },
+            stages: Stages { rotations_and_forces_ms, assembly_ms, solve_ms, embedding_ms, other_ms },
             rebuilds: self.rebuilds,
             galerkin_ms: None,
             constraints_ms: None,

@@ -57,27 +57,31 @@ fn sentence(m: &Measurement) -> String {
             "{}: {} cells, {} nodes, {} threads, {} in {} ({})",
             m.name, m.cells, m.nodes, m.threads, m.solver, m.precision, m.instructions
         ),
-        format!("  step      {:8.2} ms median, {:8.2} ms minimum of {}", m.step_ms_median, m.step_ms_min, m.steps - 1),
+        format!(
+            "  step                 {:8.2} ms median, {:8.2} ms minimum of {}",
+            m.step_ms_median,
+            m.step_ms_min,
+            m.steps - 1
+        ),
     ];
     let stages = [
-        ("rotations", s.rotations_ms),
-        ("forces", s.forces_ms),
+        ("rotations and forces", s.rotations_and_forces_ms),
         ("assembly", s.assembly_ms),
         ("solve", s.solve_ms),
         ("embedding", s.embedding_ms),
         ("other", s.other_ms),
     ];
     for (stage, t) in stages {
-        lines.push(format!("  {stage:9} {:8.2} ms median, {:8.2} ms minimum", t.median, t.min));
+        lines.push(format!("  {stage:20} {:8.2} ms median, {:8.2} ms minimum", t.median, t.min));
     }
     if let Some(t) = m.galerkin_ms {
         lines.push(format!(
-            "  galerkin  {t:8.2} ms for each rebuild of the coarse operators; {} steps had one",
+            "  galerkin             {t:8.2} ms for each rebuild of the coarse operators; {} steps had one",
             m.rebuilds
         ));
     }
     if let Some(t) = m.constraints_ms {
-        lines.push(format!("  bones     {t:8.2} ms to bind or free nodes, before the next step"));
+        lines.push(format!("  bones                {t:8.2} ms to bind or free nodes, before the next step"));
     }
     let solvers: Vec<_> = m.solves_by.iter().map(|(name, n)| format!("{n} by {name}")).collect();
     lines.push(format!("  iterations {}, residual {:.1e}; solves: {}", m.iterations, m.residual, solvers.join(", ")));

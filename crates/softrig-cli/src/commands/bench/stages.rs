@@ -13,7 +13,7 @@ use std::time::Instant;
 /// Nanoseconds spent in each stage, and what the solver did, since the last [`Clocks::take`].
 #[derive(Debug, Default)]
 pub struct Clocks {
-    rotations: AtomicU64,
+    /// Rotations and internal forces, which come from one pass over the cells.
     forces: AtomicU64,
     assembly: AtomicU64,
     solve: AtomicU64,
@@ -24,8 +24,8 @@ pub struct Clocks {
 /// What [`Clocks::take`] gives.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Taken {
-    /// Rotations, forces, assembly, solve [ms].
-    pub times: [f64; 4],
+    /// Rotations and forces, assembly, solve [ms].
+    pub times: [f64; 3],
     /// Rebuilds of coarse operators.
     pub rebuilds: usize,
 }
@@ -33,7 +33,7 @@ pub struct Taken {
 impl Clocks {
     /// What was counted since the last call, and starts again from zero.
     pub fn take(&self) -> Taken {
-        let clocks = [&self.rotations, &self.forces, &self.assembly, &self.solve];
+        let clocks = [&self.forces, &self.assembly, &self.solve];
         Taken {
             times: clocks.map(|c| c.swap(0, Ordering::Relaxed) as f64 * 1e-6),
             rebuilds: usize::try_from(self.rebuilds.swap(0, Ordering::Relaxed)).unwrap_or(usize::MAX),
@@ -80,7 +80,7 @@ pub struct TimedModel<R> {
 
 impl<R: Scalar> ForceModel<R> for TimedModel<R> {
     fn linearise(&mut self, position: &[[R; 3]]) {
-        timed(&self.clocks.rotations, || self.inner.linearise(position));
+        timed(&self.clocks.forces, || self.inner.linearise(position));
     }
 
     fn linearise_and_force(&mut self, position: &[[R; 3]], increment: Increment<'_, R>, force: &mut [[R; 3]]) -> f64 {
