@@ -151,6 +151,12 @@ fn starts_from_guesses<R: Scalar>() {
         assert_eq!((none.start, none.iterations), (1.0, nothing.iterations));
         let huge = from(1e35, 0.0, 0.0);
         assert!(huge.iterations <= nothing.iterations, "{huge:?}");
+        let guess = Some(vec![[R::one(); 3]; 3]);
+        let mut system =
+            Streamed { matrix: &s.matrix, free: Some(free.clone()), left_out: usize::MAX, products: 0, guess };
+        let mut x = vec![[R::zero(); 3]; 400];
+        let short = solver.solve_system(&mut system, &s.rhs, &mut x, 1e-4).unwrap();
+        assert_eq!(short.start, 1.0, "a guess of three nodes is none");
     }
 }
 

@@ -10,7 +10,7 @@
 //! f64 from the caller's matrix. When it is larger than asked for, the iteration starts again from that residual and adds to
 //! the solution, so that an iteration in f32 reaches the digits of f64.
 
-use super::kernel::{Direction, Inverse, Product, Update};
+use super::kernel::{Direction, Inverse, Product, Update, dots};
 use super::load::{Asked, CubeProducts};
 use crate::solver::cubes;
 use crate::solver::free::FreePattern;
@@ -126,9 +126,9 @@ impl<R: Scalar> Iteration<R> {
     /// nothing in `p` and `q`, where there is no good one.
     fn lead<B: Scalar>(&mut self, guess: Option<&[[B; 3]]>, cycle: Option<&mut Cycle>, products: bool) -> R {
         let free = &self.pattern;
-        let Some(guess) = guess.filter(|g| free.node.iter().any(|n| g[*n as usize] != [B::zero(); 3])) else {
-            return R::zero();
-        };
+        let nodes = self.prepared.as_ref().map_or(0, |whole| whole.row_count());
+        let moves = |g: &&[[B; 3]]| g.len() == nodes && free.node.iter().any(|n| g[*n as usize] != [B::zero(); 3]);
+        let Some(guess) = guess.filter(moves) else { return R::zero() };
         self.p.get_mut().par_iter_mut().enumerate().with_min_len(par::CHUNK).for_each(|(row, p)| {
             let g = free.of_row(guess, row);
             *p = [R::from_f64(g[0]), R::from_f64(g[1]), R::from_f64(g[2]), R::zero()];
@@ -387,16 +387,4 @@ impl<R: Scalar> Iteration<R> {
             }
         }
     }
-}
-
-/// Products of a vector with two others, over chunks of rows and always in the same order.
-fn dots<R: Scalar>(z: &[[R; 4]], with: [&[[R; 4]]; 2], partial: &mut [[f64; 2]]) -> (f64, f64) {
-    partial.par_iter_mut().enumerate().for_each(|(c, partial)| {
-        let rows = c * ROWS..((c + 1) * ROWS).min(z.len());
-        *partial = rows.fold([0.0; 2], |sum, i| {
-            let dot = |a: &[R; 4]| (0..3).map(|k| a[k].to_f64() * z[i][k].to_f64()).sum::<f64>();
-            [sum[0] + dot(&with[0][i]), sum[1] + dot(&with[1][i])]
-        });
-    });
-    partial.iter().fold((0.0, 0.0), |sum, p| (sum.0 + p[0], sum.1 + p[1]))
 }

@@ -4,8 +4,10 @@
 //! a zero; it is added all the same, because a compiler that sees it unused takes the other three apart. Dot products are added
 //! in f64 also for f32 vectors.
 
+use crate::solver::cubes::ROWS;
 use crate::solver::sliced::{RowWork, Sliced};
 use crate::{Kernel, Lane, Mat3, Scalar, Vec3, Wide};
+use rayon::prelude::*;
 
 /// Inverse of a diagonal block; rows end in a zero.
 pub(in crate::solver) type Inverse<A> = [[A; 4]; 3];
@@ -102,6 +104,18 @@ impl<A: Scalar> Kernel for Update<'_, A> {
         }
         [total(rz), total(rr)]
     }
+}
+
+/// Products of a vector with two others, over chunks of rows and always in the same order.
+pub(super) fn dots<R: Scalar>(z: &[[R; 4]], with: [&[[R; 4]]; 2], partial: &mut [[f64; 2]]) -> (f64, f64) {
+    partial.par_iter_mut().enumerate().for_each(|(c, partial)| {
+        let rows = c * ROWS..((c + 1) * ROWS).min(z.len());
+        *partial = rows.fold([0.0; 2], |sum, i| {
+            let dot = |a: &[R; 4]| (0..3).map(|k| a[k].to_f64() * z[i][k].to_f64()).sum::<f64>();
+            [sum[0] + dot(&with[0][i]), sum[1] + dot(&with[1][i])]
+        });
+    });
+    partial.iter().fold((0.0, 0.0), |sum, p| (sum.0 + p[0], sum.1 + p[1]))
 }
 
 /// `p = z + beta p`.
