@@ -48,7 +48,8 @@ fn a_body_that_goes_on_as_it_moves_needs_hardly_a_solve() {
             if shaken == 0.0 {
                 for k in 0..3 {
                     let moved = state.position[5][k] - start[k];
-                    assert!((moved - [1.0, 2.0, -1.0][k] / 60.0).abs() < 1e-12, "{moved}");
+                    // to the digits of the iteration, f32: far more than the residual asked for
+                    assert!((moved - [1.0, 2.0, -1.0][k] / 60.0).abs() < 1e-8, "{moved}");
                 }
             }
             iterations.push(output.iterations);

@@ -371,7 +371,8 @@ impl<R: Scalar> Iteration<R> {
             let limit = self.iteration_limit.saturating_sub(iterations);
             // on the pool's own threads, so that each loop does not enter it anew
             let (done, begun) = rayon::scope(|_| self.iterate(lead, goal, limit, cycle.as_deref_mut(), products))?;
-            let start = *start.get_or_insert(begun.sqrt() / (part * norm));
+            let begun = if lead == R::zero() { 1.0 } else { begun.sqrt() / (part * norm) };
+            let start = *start.get_or_insert(begun);
             iterations += done;
             let before = left;
             let finest = cycle.as_deref().filter(|_| !products).map(Cycle::finest);
