@@ -70,7 +70,7 @@ fn warp_in_fewer_digits<R: Scalar, A: Scalar>(
 /// Also where a number is none.
 #[inline(always)]
 fn is_flat<A: Scalar>(square: Wide<A, GROUP>, least: Wide<A, GROUP>, lane: usize) -> bool {
-    !(square.0[lane] >= least.0[lane])
+    square.0[lane] < least.0[lane] || !square.0[lane].is_finite()
 }
 
 /// The flat ones among them, with all digits. Kept out of the hot loop's code.
