@@ -37,9 +37,11 @@ pub fn max(len: usize, f: impl Fn(usize) -> f64 + Sync) -> f64 {
     (0..len.div_ceil(CHUNK)).into_par_iter().map(of_chunk).reduce(|| 0.0, f64::max)
 }
 
-/// The first of `0..len` that is as asked.
+/// The first of `0..len` that is as asked. A chunk is asked as a whole, without looking up after each, and once more where one of it is.
 pub fn first(len: usize, is: impl Fn(usize) -> bool + Sync) -> Option<usize> {
-    (0..len).into_par_iter().with_min_len(CHUNK).find_first(|i| is(*i))
+    let of = |c: usize| c * CHUNK..((c + 1) * CHUNK).min(len);
+    let some = |c: &usize| of(*c).fold(false, |some, i| some | is(i));
+    of((0..len.div_ceil(CHUNK)).into_par_iter().find_first(some)?).find(|i| is(*i))
 }
 
 /// Chunk `c` of items that are cut into chunks of `size`; empty past the last.
@@ -57,12 +59,28 @@ pub fn divide<T: Send>(
     values: &mut [T],
     work: &(impl Fn(Range<usize>, &mut [T]) + Sync),
 ) {
+    let none: &mut [()] = &mut [];
+    divide_both(range, most, (start, &|_| 0), (values, none), &|range, values, _| work(range, values));
+}
+
+/// As [`divide`], for two lists of values.
+pub fn divide_both<T: Send, U: Send>(
+    range: Range<usize>,
+    most: usize,
+    start: (&(impl Fn(usize) -> usize + Sync), &(impl Fn(usize) -> usize + Sync)),
+    values: (&mut [T], &mut [U]),
+    work: &(impl Fn(Range<usize>, &mut [T], &mut [U]) + Sync),
+) {
     if range.len() <= most.max(1) {
-        return work(range, values);
+        return work(range, values.0, values.1);
     }
     let half = range.start + range.len() / 2;
-    let (a, b) = values.split_at_mut(start(half) - start(range.start));
-    rayon::join(|| divide(range.start..half, most, start, a, work), || divide(half..range.end, most, start, b, work));
+    let (a, b) = values.0.split_at_mut(start.0(half) - start.0(range.start));
+    let (p, q) = values.1.split_at_mut(start.1(half) - start.1(range.start));
+    rayon::join(
+        || divide_both(range.start..half, most, start, (a, p), work),
+        || divide_both(half..range.end, most, start, (b, q), work),
+    );
 }
 
 #[cfg(test)]

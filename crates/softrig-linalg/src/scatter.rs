@@ -5,7 +5,6 @@
 //! results are bitwise equal for any thread count.
 
 use crate::{Scalar, Wide, par};
-use std::ops::Range;
 
 /// Cells of a chunk.
 pub const CELLS: usize = 256;
@@ -100,13 +99,8 @@ impl<const N: usize> Scatter<N> {
     /// # Panics
     /// When there are not [`Self::part_count`] parts.
     pub fn for_chunks<T: Send>(&self, parts: &mut [T], work: impl Fn(usize, &[[u16; N]], &mut [T]) + Sync) {
-        assert_eq!(parts.len(), self.part_count());
-        let start = |c: usize| self.first[c] as usize;
-        par::divide(0..self.first.len() - 1, 1, &start, parts, &|chunks: Range<usize>, parts: &mut [T]| {
-            for c in chunks {
-                work(c, self.local(c), &mut *parts);
-            }
-        });
+        let none: &mut [()] = &mut [];
+        self.for_chunks_beside(parts, none, 0, |c, parts, _| work(c, self.local(c), parts));
     }
 
     /// As [`Self::for_chunks`], and beside the parts of a chunk what its cells have in `beside`, `size` items for each chunk.
@@ -121,27 +115,13 @@ impl<const N: usize> Scatter<N> {
         work: impl Fn(usize, &mut [T], &mut [U]) + Sync,
     ) {
         assert_eq!(parts.len(), self.part_count());
-        self.halve(0..self.first.len() - 1, parts, beside, size, &work);
-    }
-
-    fn halve<T: Send, U: Send>(
-        &self,
-        chunks: Range<usize>,
-        parts: &mut [T],
-        beside: &mut [U],
-        size: usize,
-        work: &(impl Fn(usize, &mut [T], &mut [U]) + Sync),
-    ) {
-        if chunks.len() <= 1 {
-            return chunks.for_each(|c| work(c, &mut *parts, &mut *beside));
-        }
-        let half = chunks.start + chunks.len() / 2;
-        let (p, q) = parts.split_at_mut((self.first[half] - self.first[chunks.start]) as usize);
-        let (a, b) = beside.split_at_mut(((half - chunks.start) * size).min(beside.len()));
-        rayon::join(
-            || self.halve(chunks.start..half, p, a, size, work),
-            || self.halve(half..chunks.end, q, b, size, work),
-        );
+        let (start, most) = (|c: usize| self.first[c] as usize, beside.len());
+        let both = (&start, &|c: usize| (c * size).min(most));
+        par::divide_both(0..self.first.len() - 1, 1, both, (parts, beside), &|chunks, parts, beside| {
+            for c in chunks {
+                work(c, &mut *parts, &mut *beside);
+            }
+        });
     }
 
     /// What a sum reads of it [bytes].

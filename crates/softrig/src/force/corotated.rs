@@ -261,7 +261,7 @@ impl<R: Scalar> ForceModel<R> for Corotated<R> {
         let Self { tets, tet_q, tet_parts, .. } = self;
         let tets = &*tets;
         tets.scatter.for_chunks_beside(tet_parts, tet_q, TASK, |chunk, parts, q| {
-            run_wide::<R, _>(tet::RotateAndForces { tets, chunk, q, load, parts });
+            run_wide::<R, _>(tet::Forces { tets, chunk, q, load, parts });
         });
         self.turn_hexes(position);
         self.fill_hex_parts(load);

@@ -74,7 +74,7 @@ pub(super) struct Rotate<'a, R> {
 impl<R: Scalar> Kernel for Rotate<'_, R> {
     type Output = ();
     #[inline(always)]
-    fn run<const W: usize>(self) {
+    fn run<const W: usize>(mut self) {
         let (nodes, local) = (self.tets.scatter.nodes(self.chunk), self.tets.scatter.local(self.chunk));
         let mut x = Vectors::<R, PARTS>::new();
         gather(nodes, self.position, &mut x);
@@ -86,12 +86,46 @@ impl<R: Scalar> Kernel for Rotate<'_, R> {
                     break;
                 }
                 let F = gradient_of(corners(&x, local, cell), self.tets.gradients::<W>(block, first));
-                let q = polar(F, load_q::<R, W>(&self.q[k], first));
-                for c in 0..4 {
-                    store(&mut self.q[k][c], first, q[c]);
-                }
+                self.q.turn(k, first, F);
             }
         }
+    }
+}
+
+/// Rotations of a chunk's cells while their forces are made: lists that are shared stay, others follow.
+pub(super) trait Turn<R: Scalar> {
+    /// How many blocks there are.
+    fn block_count(&self) -> usize;
+
+    /// Those of `W` cells of block `k`, from lane `first`, with these deformation gradients.
+    fn turn<const W: usize>(&mut self, k: usize, first: usize, F: Mat3<Wide<R, W>>) -> [Wide<R, W>; 4];
+}
+
+impl<R: Scalar> Turn<R> for &[[[R; BLOCK]; 4]] {
+    #[inline(always)]
+    fn block_count(&self) -> usize {
+        self.len()
+    }
+
+    #[inline(always)]
+    fn turn<const W: usize>(&mut self, k: usize, first: usize, _: Mat3<Wide<R, W>>) -> [Wide<R, W>; 4] {
+        load_q(&self[k], first)
+    }
+}
+
+impl<R: Scalar> Turn<R> for &mut [[[R; BLOCK]; 4]] {
+    #[inline(always)]
+    fn block_count(&self) -> usize {
+        self.len()
+    }
+
+    #[inline(always)]
+    fn turn<const W: usize>(&mut self, k: usize, first: usize, F: Mat3<Wide<R, W>>) -> [Wide<R, W>; 4] {
+        let q = polar(F, load_q::<R, W>(&self[k], first));
+        for c in 0..4 {
+            store(&mut self[k][c], first, q[c]);
+        }
+        q
     }
 }
 
@@ -141,6 +175,8 @@ pub(super) struct TetCells<'a, R: Scalar, const W: usize> {
     local: &'a [[u16; 4]],
     first: usize,
     gradient: [Vec3<Wide<R, W>>; 3],
+    /// Σ x_a g_aᵀ of positions, or of what is multiplied.
+    F: Mat3<Wide<R, W>>,
     rotation: Mat3<Wide<R, W>>,
     lambda: Wide<R, W>,
     mu: Wide<R, W>,
@@ -178,22 +214,9 @@ pub(super) trait TetLoad<R: Scalar>: Load<R> {
 impl<R: Scalar> TetLoad<R> for Internal<'_, R> {
     #[inline(always)]
     fn tets<const W: usize>(&self, cells: TetCells<'_, R, W>) -> ([Vec3<Wide<R, W>>; 4], Wide<R, W>) {
-        let F = cells.gradient(cells.corners(&cells.near.x));
-        self.of_gradient(cells, F)
-    }
-}
-
-impl<R: Scalar> Internal<'_, R> {
-    /// Forces at the corners of `W` cells with these deformation gradients, and their energies.
-    #[inline(always)]
-    fn of_gradient<const W: usize>(
-        &self,
-        cells: TetCells<'_, R, W>,
-        F: Mat3<Wide<R, W>>,
-    ) -> ([Vec3<Wide<R, W>>; 4], Wide<R, W>) {
         let inverse = cells.rotation.transpose();
         // corotated strain and the energy in it
-        let mut E = symmetric(inverse * F) - Mat3::identity();
+        let mut E = symmetric(inverse * cells.F) - Mat3::identity();
         let t = E.trace();
         let square = E.row(0).dot(E.row(0)) + E.row(1).dot(E.row(1)) + E.row(2).dot(E.row(2));
         let energy = cells.mu * square + cells.lambda * t * t * Wide::constant(0.5);
@@ -221,90 +244,52 @@ impl<R: Scalar> TetLoad<R> for Product<'_, R> {
     #[inline(always)]
     fn tets<const W: usize>(&self, cells: TetCells<'_, R, W>) -> ([Vec3<Wide<R, W>>; 4], Wide<R, W>) {
         let factor = Wide::splat(R::one()) + Wide::splat(self.rate) * (cells.damping + Wide::splat(self.damping));
-        let E = symmetric(cells.rotation.transpose() * cells.gradient(cells.corners(&cells.near.x)));
+        let E = symmetric(cells.rotation.transpose() * cells.F);
         (cells.forces(E.scale(factor)), Wide::splat(R::zero()))
     }
 }
 
-/// Forces of a chunk's cells, added to the parts of their nodes; the fourth numbers add up to their energies.
-pub(super) struct Forces<'a, R, L> {
+/// Forces of a chunk's cells, added to the parts of their nodes; the fourth numbers add up to their energies. Rotations that follow do so
+/// in the same pass: gradients are made, and positions read, once.
+pub(super) struct Forces<'a, R, Q, L> {
     pub tets: &'a Tets<R>,
     pub chunk: usize,
-    pub q: &'a [[[R; BLOCK]; 4]],
+    pub q: Q,
     pub load: L,
     pub parts: &'a mut [[R; 4]],
 }
 
-impl<R: Scalar, L: TetLoad<R>> Kernel for Forces<'_, R, L> {
+impl<R: Scalar, Q: Turn<R>, L: TetLoad<R>> Kernel for Forces<'_, R, Q, L> {
     type Output = ();
     #[inline(always)]
-    fn run<const W: usize>(self) {
+    fn run<const W: usize>(mut self) {
         let (nodes, local) = (self.tets.scatter.nodes(self.chunk), self.tets.scatter.local(self.chunk));
         let mut near = Near::<R, PARTS>::new();
         self.load.gather(nodes, &mut near);
         self.parts.fill([R::zero(); 4]);
         let mut out = Corners::<R, 4>::zero();
-        for k in 0..self.q.len() {
+        for k in 0..self.q.block_count() {
             let block = self.chunk * TASK + k;
             for first in (0..BLOCK).step_by(W) {
                 let cell = k * BLOCK + first;
                 if cell >= local.len() {
                     break;
                 }
+                let gradient = self.tets.gradients(block, first);
+                let F = gradient_of(corners(&near.x, local, cell), gradient);
+                let rotation = rotation(self.q.turn(k, first, F));
                 let [lambda, mu, damping] = self.tets.moduli(block, first);
                 let (f, energy) = self.load.tets(TetCells::<R, W> {
                     near: &near,
                     local,
                     first: cell,
-                    gradient: self.tets.gradients(block, first),
-                    rotation: rotation(load_q(&self.q[k], first)),
+                    gradient,
+                    F,
+                    rotation,
                     lambda,
                     mu,
                     damping,
                 });
-                out.set(first, f, energy);
-            }
-            out.add(&local[k * BLOCK..], self.parts);
-        }
-    }
-}
-
-/// [`Rotate`] and the [`Forces`] of the internal load in one pass: gradients are made, and positions read, once.
-pub(super) struct RotateAndForces<'a, R> {
-    pub tets: &'a Tets<R>,
-    pub chunk: usize,
-    pub q: &'a mut [[[R; BLOCK]; 4]],
-    pub load: Internal<'a, R>,
-    pub parts: &'a mut [[R; 4]],
-}
-
-impl<R: Scalar> Kernel for RotateAndForces<'_, R> {
-    type Output = ();
-    #[inline(always)]
-    fn run<const W: usize>(self) {
-        let (nodes, local) = (self.tets.scatter.nodes(self.chunk), self.tets.scatter.local(self.chunk));
-        let mut near = Near::<R, PARTS>::new();
-        self.load.gather(nodes, &mut near);
-        self.parts.fill([R::zero(); 4]);
-        let mut out = Corners::<R, 4>::zero();
-        for k in 0..self.q.len() {
-            let block = self.chunk * TASK + k;
-            for first in (0..BLOCK).step_by(W) {
-                let cell = k * BLOCK + first;
-                if cell >= local.len() {
-                    break;
-                }
-                let gradient = self.tets.gradients::<W>(block, first);
-                let F = gradient_of(corners(&near.x, local, cell), gradient);
-                let q = polar(F, load_q::<R, W>(&self.q[k], first));
-                for c in 0..4 {
-                    store(&mut self.q[k][c], first, q[c]);
-                }
-                let [lambda, mu, damping] = self.tets.moduli(block, first);
-                let rotation = rotation(q);
-                let cells =
-                    TetCells::<R, W> { near: &near, local, first: cell, gradient, rotation, lambda, mu, damping };
-                let (f, energy) = self.load.of_gradient(cells, F);
                 out.set(first, f, energy);
             }
             out.add(&local[k * BLOCK..], self.parts);

@@ -51,18 +51,14 @@ fn json(measurement: &impl serde::Serialize) -> Result<String, Failure> {
 
 fn sentence(m: &Measurement) -> String {
     let tip = |k: usize| m.tip_displacement_m[k].map(|v| format!("{v:.4}")).join(" ");
+    let row = |name: &str, time: f64, rest: &str| format!("  {name:20} {time:8.2} ms {rest}");
     let s = &m.stages;
     let mut lines = vec![
         format!(
             "{}: {} cells, {} nodes, {} threads, {} in {} ({})",
             m.name, m.cells, m.nodes, m.threads, m.solver, m.precision, m.instructions
         ),
-        format!(
-            "  step                 {:8.2} ms median, {:8.2} ms minimum of {}",
-            m.step_ms_median,
-            m.step_ms_min,
-            m.steps - 1
-        ),
+        row("step", m.step_ms_median, &format!("median, {:8.2} ms minimum of {}", m.step_ms_min, m.steps - 1)),
     ];
     let stages = [
         ("rotations and forces", s.rotations_and_forces_ms),
@@ -72,16 +68,14 @@ fn sentence(m: &Measurement) -> String {
         ("other", s.other_ms),
     ];
     for (stage, t) in stages {
-        lines.push(format!("  {stage:20} {:8.2} ms median, {:8.2} ms minimum", t.median, t.min));
+        lines.push(row(stage, t.median, &format!("median, {:8.2} ms minimum", t.min)));
     }
     if let Some(t) = m.galerkin_ms {
-        lines.push(format!(
-            "  galerkin             {t:8.2} ms for each rebuild of the coarse operators; {} steps had one",
-            m.rebuilds
-        ));
+        let rest = format!("for each rebuild of the coarse operators; {} steps had one", m.rebuilds);
+        lines.push(row("galerkin", t, &rest));
     }
     if let Some(t) = m.constraints_ms {
-        lines.push(format!("  bones                {t:8.2} ms to bind or free nodes, before the next step"));
+        lines.push(row("bones", t, "to bind or free nodes, before the next step"));
     }
     let solvers: Vec<_> = m.solves_by.iter().map(|(name, n)| format!("{n} by {name}")).collect();
     lines.push(format!("  iterations {}, residual {:.1e}; solves: {}", m.iterations, m.residual, solvers.join(", ")));

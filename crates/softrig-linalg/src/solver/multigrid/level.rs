@@ -47,8 +47,9 @@ pub(super) struct Level {
     e: Quads<f32>,
 }
 
-/// An order for the rows of a level, where its smoother wants one (nobody else makes the pattern), and the first row of each colour and one past the last. Rows of a colour
-/// are as far apart in space as colours are many: there they lie as the matrix takes them. Other rows stay neighbours of their neighbours.
+/// An order for the rows of a level, and the first row of each colour and one past the last, where its smoother wants one: only then the
+/// pattern is made. Rows of a colour are as far apart in space as colours are many: there they lie as the matrix takes them. Other rows
+/// stay neighbours of their neighbours.
 pub(super) fn order_for<P: Borrow<Blocks>>(
     smoother: Smoother,
     pattern: impl FnOnce() -> P,

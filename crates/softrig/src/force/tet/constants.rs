@@ -81,55 +81,60 @@ impl<R: Scalar> Tets<R> {
     /// Gradients of nodes 1, 2, 3 of `W` cells.
     #[inline(always)]
     pub(super) fn gradients<const W: usize>(&self, block: usize, first: usize) -> [Vec3<Wide<R, W>>; 3] {
-        let rest = match &self.gradients {
+        match &self.gradients {
             Gradients::Stored(blocks) => {
                 let [g, h, k] = &blocks[block];
-                return [
+                [
                     Vec3([load(&g[0], first), load(&g[1], first), load(&g[2], first)]),
                     Vec3([load(&h[0], first), load(&h[1], first), load(&h[2], first)]),
                     Vec3([load(&k[0], first), load(&k[1], first), load(&k[2], first)]),
-                ];
+                ]
             }
-            Gradients::Made(rest) => rest,
-        };
-        let chunk = block / TASK;
-        let (nodes, local, first) =
-            (self.scatter.nodes(chunk), self.scatter.local(chunk), block % TASK * BLOCK + first);
-        let X = [
-            rest_corner::<R, W>(rest, nodes, local, first, 0),
-            rest_corner::<R, W>(rest, nodes, local, first, 1),
-            rest_corner::<R, W>(rest, nodes, local, first, 2),
-            rest_corner::<R, W>(rest, nodes, local, first, 3),
-        ];
-        let inverse = Mat3::from_columns(X[1] - X[0], X[2] - X[0], X[3] - X[0]).inverse();
-        [inverse.row(0), inverse.row(1), inverse.row(2)]
+            Gradients::Made(rest) => {
+                let [e, f, k] = self.edges_of(rest, block, first);
+                let inverse = Mat3::from_columns(e, f, k).inverse();
+                [inverse.row(0), inverse.row(1), inverse.row(2)]
+            }
+        }
     }
 
-    /// Edges of `W` cells of the rest shape from corner 0 [m], as differences of all digits, rounded then. Of bodies in f32, which keep
-    /// gradients instead, zero.
+    /// Edges of `W` cells of the rest shape from corner 0 [m], in other numbers; `None` of bodies that keep gradients instead.
     #[inline(always)]
-    pub(super) fn edges<A: Scalar, const W: usize>(&self, block: usize, first: usize) -> [Vec3<Wide<A, W>>; 3] {
-        let mut edges = [Vec3([Wide([A::zero(); W]); 3]); 3];
-        let Gradients::Made(rest) = &self.gradients else { return edges };
+    pub(super) fn edges<A: Scalar, const W: usize>(&self, block: usize, first: usize) -> Option<[Vec3<Wide<A, W>>; 3]> {
+        let Gradients::Made(rest) = &self.gradients else { return None };
+        Some(self.edges_of(rest, block, first))
+    }
+
+    /// Differences of all digits, rounded then. Behind the last cell comes the last one again.
+    #[inline(always)]
+    fn edges_of<A: Scalar, const W: usize>(
+        &self,
+        rest: &[[R; 4]],
+        block: usize,
+        first: usize,
+    ) -> [Vec3<Wide<A, W>>; 3] {
         let chunk = block / TASK;
         let (nodes, local, first) =
             (self.scatter.nodes(chunk), self.scatter.local(chunk), block % TASK * BLOCK + first);
         let last = local.len() - 1;
+        let mut edges = [Vec3([Wide([A::zero(); W]); 3]); 3];
         for k in 0..W / 4 {
-            let mut rows = [[[A::zero(); 4]; 4]; 3];
+            let mut rows = [[[A::zero(); 4]; 3]; 4];
             for i in 0..4 {
-                let cell = local[(first + 4 * k + i).min(last)];
-                let from = Wide(rest[nodes[cell[0] as usize] as usize]);
-                for a in 0..3 {
-                    let edge = Wide(rest[nodes[cell[a + 1] as usize] as usize]) - from;
-                    rows[a][i] = edge.0.map(cast);
-                }
+                rows[i] = edges_of_cell(rest, nodes, &local[(first + 4 * k + i).min(last)]);
             }
             for a in 0..3 {
-                let [p, q, r, s] = &rows[a];
-                let numbers = A::transposed([p, q, r, s]);
+                let numbers = A::transposed([&rows[0][a], &rows[1][a], &rows[2][a], &rows[3][a]]);
                 for c in 0..3 {
                     edges[a].0[c].0.as_chunks_mut::<4>().0[k] = numbers[c];
+                }
+            }
+        }
+        for i in W - W % 4..W {
+            let row = edges_of_cell::<R, A>(rest, nodes, &local[(first + i).min(last)]);
+            for a in 0..3 {
+                for c in 0..3 {
+                    edges[a].0[c].0[i] = row[a][c];
                 }
             }
         }
@@ -152,32 +157,13 @@ impl<R: Scalar> Tets<R> {
     }
 }
 
-/// Corner `a` of `W` cells of a chunk in the rest shape; behind the last cell comes the last one again.
+/// Edges of one cell from corner 0; the fourth numbers are idle.
 #[inline(always)]
-fn rest_corner<R: Scalar, const W: usize>(
-    rest: &[[R; 4]],
-    nodes: &[u32],
-    local: &[[u16; 4]],
-    first: usize,
-    a: usize,
-) -> Vec3<Wide<R, W>> {
-    let mut out = Vec3([Wide([R::zero(); W]); 3]);
-    let last = local.len() - 1;
-    for k in 0..W / 4 {
-        let mut rows = [&rest[nodes[local[last][a] as usize] as usize]; 4];
-        for i in 0..4 {
-            rows[i] = &rest[nodes[local[(first + 4 * k + i).min(last)][a] as usize] as usize];
-        }
-        let numbers = R::transposed(rows);
-        for c in 0..3 {
-            out.0[c].0.as_chunks_mut::<4>().0[k] = numbers[c];
-        }
+fn edges_of_cell<R: Scalar, A: Scalar>(rest: &[[R; 4]], nodes: &[u32], cell: &[u16; 4]) -> [[A; 4]; 3] {
+    let from = Wide(rest[nodes[cell[0] as usize] as usize]);
+    let mut edges = [[A::zero(); 4]; 3];
+    for a in 0..3 {
+        edges[a] = (Wide(rest[nodes[cell[a + 1] as usize] as usize]) - from).0.map(cast);
     }
-    for i in W - W % 4..W {
-        let x = rest[nodes[local[(first + i).min(last)][a] as usize] as usize];
-        for c in 0..3 {
-            out.0[c].0[i] = x[c];
-        }
-    }
-    out
+    edges
 }

@@ -29,8 +29,9 @@ pub(in crate::force) fn warp<R: Scalar, A: Scalar, const W: usize>(
 ) {
     let block = group * GROUP / BLOCK;
     let first = group * GROUP % BLOCK;
-    if A::EPSILON.to_f64() > R::EPSILON.to_f64() && W > 1 {
-        warp_in_fewer_digits(tets, q, block, first, factors, warped);
+    let fewer_digits = A::EPSILON.to_f64() > R::EPSILON.to_f64() && W > 1;
+    if fewer_digits && let Some(edges) = tets.edges(block, first) {
+        warp_in_fewer_digits(tets, q, block, first, factors, edges, warped);
     } else if W > GROUP {
         warp_lanes::<R, A, GROUP>(tets, q, block, first, factors, warped);
     } else {
@@ -47,9 +48,9 @@ fn warp_in_fewer_digits<R: Scalar, A: Scalar>(
     block: usize,
     first: usize,
     factors: [R; 2],
+    [e, f, k]: [Vec3<Wide<A, GROUP>>; 3],
     warped: &mut [Warped<A>; GROUP],
 ) {
-    let [e, f, k] = tets.edges::<A, GROUP>(block, first);
     let rot = rotation(load_q::<R, GROUP>(&q[block], first).map(lanes));
     let (root, ratio) = root_and_ratio::<R, GROUP>(tets, block, first, factors);
     // rows of the inverse of the edges, times their determinant
@@ -58,19 +59,15 @@ fn warp_in_fewer_digits<R: Scalar, A: Scalar>(
     let scale = lanes::<R, A, GROUP>(root) / det;
     write([(rot * a).scale(scale), (rot * b).scale(scale), (rot * c).scale(scale)], lanes(ratio), warped);
     let least = (e.dot(e) * f.dot(f) * k.dot(k) * Wide::constant(FLAT)).max(Wide::constant(TINY));
-    let mut flat = false;
+    let square = det * det;
+    let mut flat = [false; GROUP];
     for lane in 0..GROUP {
-        flat |= is_flat(det * det, least, lane);
+        // also where a number is none
+        flat[lane] = square.0[lane] < least.0[lane] || !square.0[lane].is_finite();
     }
-    if flat {
-        again(tets, q, block, first, factors, [det * det, least], warped);
+    if flat != [false; GROUP] {
+        again(tets, q, block, first, factors, flat, warped);
     }
-}
-
-/// Also where a number is none.
-#[inline(always)]
-fn is_flat<A: Scalar>(square: Wide<A, GROUP>, least: Wide<A, GROUP>, lane: usize) -> bool {
-    square.0[lane] < least.0[lane] || !square.0[lane].is_finite()
 }
 
 /// The flat ones among them, with all digits. Kept out of the hot loop's code.
@@ -82,13 +79,11 @@ fn again<R: Scalar, A: Scalar>(
     block: usize,
     first: usize,
     factors: [R; 2],
-    [square, least]: [Wide<A, GROUP>; 2],
+    flat: [bool; GROUP],
     warped: &mut [Warped<A>; GROUP],
 ) {
-    for lane in 0..GROUP {
-        if is_flat(square, least, lane) {
-            warp_lanes::<R, A, 1>(tets, q, block, first + lane, factors, &mut warped[lane..]);
-        }
+    for lane in (0..GROUP).filter(|lane| flat[*lane]) {
+        warp_lanes::<R, A, 1>(tets, q, block, first + lane, factors, &mut warped[lane..]);
     }
 }
 

@@ -3,7 +3,6 @@
 use super::{Scheme, held};
 use crate::body::Body;
 use crate::integrate::{State, StepError, StepInput};
-use rayon::prelude::*;
 use softrig_linalg::{Scalar, par};
 
 pub(super) fn check<R: Scalar>(
@@ -49,15 +48,13 @@ pub(super) fn check<R: Scalar>(
     Ok(())
 }
 
-pub(super) fn is_finite<R: Scalar>(v: &[R; 3]) -> bool {
+fn is_finite<R: Scalar>(v: &[R; 3]) -> bool {
     v.iter().all(|c| c.is_finite())
 }
 
 pub(in crate::integrate) fn finite<R: Scalar>(what: &'static str, time: f64, v: &[[R; 3]]) -> Result<(), StepError> {
-    // a chunk as a whole, several numbers at a time, and its nodes only where that finds something
-    let bad = |chunk: &[[R; 3]]| !chunk.as_flattened().iter().fold(true, |all, c| all & c.is_finite());
-    let Some(c) = v.par_chunks(par::CHUNK).position_first(bad) else { return Ok(()) };
-    let first = c * par::CHUNK;
-    let node = v[first..].iter().position(|v| !is_finite(v)).map_or(first, |k| first + k);
-    Err(StepError::NotFinite { time, what, node })
+    match par::first(v.len(), |i| !is_finite(&v[i])) {
+        Some(node) => Err(StepError::NotFinite { time, what, node }),
+        None => Ok(()),
+    }
 }
