@@ -3,13 +3,16 @@
 //! The rotation is that of the mean deformation gradient. With g_a = Σ_b Ke_ab u_b, u = Rᵀ x − X, the plain corotated force R g
 //! is not quite the gradient of W = ½ uᵀ Ke u, and leaves a net torque, because R moves with x. The exact gradient is
 //! f_a = R (g_a − b × ḡ_a) with b = (tr(S) I − S)⁻¹ Σ_a (Rᵀ x_a) × g_a and ḡ_a the mean shape gradient; directions in which
-//! tr(S) I − S is nearly singular (the rotation about them is about to jump) are left out.
+//! tr(S) I − S is nearly singular (the rotation about them is about to jump) are left out. All of it is linear in what lies at the
+//! corners, and computed in the vectors of a [`Basis`]: the modes of a cube, or the corners of any other shape.
 //!
 //! Terms: X, x rest and current positions [m]; F = Σ x_a ḡ_aᵀ; S = sym(Rᵀ F); Ke rest stiffness [N/m].
 #![allow(non_snake_case, reason = "symbols of the continuum mechanics literature")]
 
+mod basis;
 mod shape;
 
+use basis::Basis;
 pub(super) use shape::HexShape;
 pub use shape::{QuadraturePoint, hex_points, hex_stiffness};
 
@@ -17,7 +20,6 @@ use super::assembly::Increment;
 use super::load::{Internal, Load, Near, Product, Vectors, corner, gather};
 use super::polar::{eigen_symmetric, polar, rotation, symmetric};
 use super::tet::{BLOCK, Corners, load, load_q, store};
-use softrig_linalg::cubes;
 use softrig_linalg::{CELLS, Kernel, Lane, Mat3, Scalar, Vec3, Wide};
 
 /// Eigenvalues of tr(S) I − S below this are left out of the exact gradient: 2 at rest, 0 where the rotation is undetermined.
@@ -60,33 +62,24 @@ impl<R: Scalar> HexBlock<R> {
     }
 }
 
-/// Positions relative to corner 0, so that f32 is not spent on the distance to the origin.
+/// Vectors at the corners 1 to 7 of `W` cells relative to corner 0, so that f32 is not spent on the distance to the origin.
 #[inline(always)]
-fn corners<R: Scalar, const W: usize>(from: &[[R; 4]], local: &[[u16; 8]], first: usize) -> [Vec3<Wide<R, W>>; 8] {
+fn corners<R: Scalar, const W: usize>(from: &[[R; 4]], local: &[[u16; 8]], first: usize) -> [Vec3<Wide<R, W>>; 7] {
     let x0 = corner::<R, W, 8>(from, local, first, 0);
-    let mut x = [Vec3::zero(); 8];
-    for a in 1..8 {
-        x[a] = corner::<R, W, 8>(from, local, first, a) - x0;
+    let mut x = [Vec3::zero(); 7];
+    for n in 0..7 {
+        x[n] = corner::<R, W, 8>(from, local, first, n + 1) - x0;
     }
     x
 }
 
-/// All eight in the frame of the cell, `Rᵀ x`.
+/// All seven in the frame of the cell, `Rᵀ x`.
 #[inline(always)]
-fn turned<S: Lane>(rot: Mat3<S>, mut x: [Vec3<S>; 8]) -> [Vec3<S>; 8] {
+fn turned<S: Lane>(rot: Mat3<S>, mut x: [Vec3<S>; 7]) -> [Vec3<S>; 7] {
     for x in &mut x {
         *x = rot.transpose_mul(*x);
     }
     x
-}
-
-#[inline(always)]
-fn mean_gradient<S: Lane>(shape: &HexShape<S::Scalar>, x: &[Vec3<S>; 8]) -> Mat3<S> {
-    let mut F = Mat3::zero();
-    for a in 1..8 {
-        F += x[a].outer(Vec3::splat(shape.gradient[a]));
-    }
-    F
 }
 
 /// Rotations of a chunk's cells.
@@ -135,7 +128,11 @@ impl<R: Scalar> Rotate<'_, R> {
     fn cells<const W: usize>(&mut self, x: &Vectors<R, PARTS>, k: usize, first: usize) {
         let shape = &self.shapes[self.blocks[k].shape[first] as usize];
         let x = corners::<R, W>(x, self.local, k * BLOCK + first);
-        let q = polar(mean_gradient(shape, &x), load_q::<R, W>(&self.q[k], first));
+        let F = match &shape.cube {
+            Some(cube) => cube.gradient(&cube.of(x)),
+            None => shape.gradient(&shape.of(x)),
+        };
+        let q = polar(F, load_q::<R, W>(&self.q[k], first));
         for c in 0..4 {
             store(&mut self.q[k][c], first, q[c]);
         }
@@ -156,86 +153,76 @@ pub(super) fn columns<R: Scalar>(blocks: &[HexBlock<R>], q: &[[[R; BLOCK]; 4]], 
 }
 
 /// What the forces of `W` cells of one shape are made of.
-pub(super) struct HexCells<'a, R: Scalar, const W: usize> {
-    shape: &'a HexShape<R>,
+pub(super) struct HexCells<'a, R: Scalar, B, const W: usize> {
+    basis: &'a B,
     near: &'a Near<R, PARTS>,
     local: &'a [[u16; 8]],
     first: usize,
+    /// Positions, or what is multiplied.
+    x: [Vec3<Wide<R, W>>; 7],
     rotation: Mat3<Wide<R, W>>,
-    scale: Wide<R, W>,
     damping: Wide<R, W>,
 }
 
-impl<R: Scalar, const W: usize> HexCells<'_, R, W> {
-    /// Vectors at the corners relative to corner 0.
+impl<R: Scalar, B: Basis<R>, const W: usize> HexCells<'_, R, B, W> {
+    /// Other vectors, in the frame of the cell.
     #[inline(always)]
-    fn corners(&self, from: &Vectors<R, PARTS>) -> [Vec3<Wide<R, W>>; 8] {
-        corners(from, self.local, self.first)
-    }
-
-    /// Forces at the corners for those in the frame of the cell and a Young's modulus of 1 Pa; `scale` is that of the cell.
-    #[inline(always)]
-    fn forces(&self, g: [Vec3<Wide<R, W>>; 8], scale: Wide<R, W>) -> [Vec3<Wide<R, W>>; 8] {
-        let mut f = g;
-        for f in &mut f {
-            *f = (self.rotation * *f).scale(scale);
-        }
-        f
+    fn turned(&self, from: &Vectors<R, PARTS>) -> [Vec3<Wide<R, W>>; 7] {
+        turned(self.rotation, self.basis.of(corners(from, self.local, self.first)))
     }
 }
 
 /// Forces that hexahedra are asked for.
 pub(super) trait HexLoad<R: Scalar>: Load<R> {
-    /// Forces at the corners of `W` cells, and their energies.
-    fn hexes<const W: usize>(&self, cells: HexCells<'_, R, W>) -> ([Vec3<Wide<R, W>>; 8], Wide<R, W>);
+    /// Forces of `W` cells in their own frames for a Young's modulus of 1 Pa, and their energies.
+    fn hexes<B: Basis<R>, const W: usize>(&self, cells: HexCells<'_, R, B, W>) -> ([Vec3<Wide<R, W>>; 7], Wide<R, W>);
 }
 
 impl<R: Scalar> HexLoad<R> for Internal<'_, R> {
     #[inline(always)]
-    fn hexes<const W: usize>(&self, cells: HexCells<'_, R, W>) -> ([Vec3<Wide<R, W>>; 8], Wide<R, W>) {
-        let (shape, rot) = (cells.shape, cells.rotation);
-        // positions in the cell's own frame
-        let x = turned(rot, cells.corners(&cells.near.x));
-        let mut u = x;
-        for a in 0..8 {
-            u[a] -= Vec3::splat(shape.offset[a]);
-        }
-        let mut g = apply(shape, &u);
+    fn hexes<B: Basis<R>, const W: usize>(&self, cells: HexCells<'_, R, B, W>) -> ([Vec3<Wide<R, W>>; 7], Wide<R, W>) {
+        let basis = cells.basis;
+        let x = turned(cells.rotation, cells.x);
+        let u = basis.displaced(x);
+        let mut f = basis.stiffness(u);
         let mut energy = Wide([R::zero(); W]);
-        for a in 1..8 {
-            energy += u[a].dot(g[a]);
+        for n in 0..7 {
+            energy += u[n].dot(f[n]);
         }
         if self.rotate {
-            correct(shape, &x, &mut g);
+            correct(basis, &x, &mut f);
         }
         let Increment { displacement, velocity, damping } = self.increment;
         if displacement.is_some() || velocity.is_some() {
-            let mut y = [Vec3::zero(); 8];
+            let mut y = [Vec3::zero(); 7];
             if displacement.is_some() {
-                y = cells.corners(&cells.near.d);
+                y = cells.turned(&cells.near.d);
             }
             if velocity.is_some() {
                 let b = cells.damping + Wide::splat(damping);
-                let v = cells.corners(&cells.near.v);
-                for a in 1..8 {
-                    y[a] += v[a].scale(b);
+                let v = cells.turned(&cells.near.v);
+                for n in 0..7 {
+                    y[n] += v[n].scale(b);
                 }
             }
-            let added = apply(shape, &turned(rot, y));
-            for a in 0..8 {
-                g[a] += added[a];
+            let added = basis.stiffness(y);
+            for n in 0..7 {
+                f[n] += added[n];
             }
         }
-        (cells.forces(g, cells.scale), energy * cells.scale * Wide::constant(0.5))
+        (f, energy * Wide::constant(0.5))
     }
 }
 
 impl<R: Scalar> HexLoad<R> for Product<'_, R> {
     #[inline(always)]
-    fn hexes<const W: usize>(&self, cells: HexCells<'_, R, W>) -> ([Vec3<Wide<R, W>>; 8], Wide<R, W>) {
+    fn hexes<B: Basis<R>, const W: usize>(&self, cells: HexCells<'_, R, B, W>) -> ([Vec3<Wide<R, W>>; 7], Wide<R, W>) {
         let factor = Wide::splat(R::one()) + Wide::splat(self.rate) * (cells.damping + Wide::splat(self.damping));
-        let g = apply(cells.shape, &turned(cells.rotation, cells.corners(&cells.near.x)));
-        (cells.forces(g, cells.scale * factor), Wide::splat(R::zero()))
+        let mut f = cells.basis.stiffness(turned(cells.rotation, cells.x));
+        for f in &mut f {
+            *f = f.scale(factor);
+        }
+        (f, Wide::splat(R::zero()))
     }
 }
 
@@ -286,70 +273,45 @@ impl<R: Scalar, L: HexLoad<R>> Forces<'_, R, L> {
 
     #[inline(always)]
     fn cells<const W: usize>(&self, near: &Near<R, PARTS>, k: usize, first: usize, out: &mut Corners<R, 8>) {
-        let block = &self.blocks[k];
-        let (f, energy) = self.load.hexes(HexCells::<R, W> {
-            shape: &self.shapes[block.shape[first] as usize],
-            near,
-            local: self.local,
-            first: k * BLOCK + first,
-            rotation: rotation(load_q(&self.q[k], first)),
-            scale: load(&block.scale, first),
-            damping: load(&block.damping, first),
-        });
-        out.set(first, f, energy);
+        let shape = &self.shapes[self.blocks[k].shape[first] as usize];
+        match &shape.cube {
+            Some(cube) => self.cells_in::<_, W>(cube, near, k, first, out),
+            None => self.cells_in::<_, W>(shape, near, k, first, out),
+        }
+    }
+
+    #[inline(always)]
+    fn cells_in<B: Basis<R>, const W: usize>(
+        &self,
+        basis: &B,
+        near: &Near<R, PARTS>,
+        k: usize,
+        first: usize,
+        out: &mut Corners<R, 8>,
+    ) {
+        let (block, local, at) = (&self.blocks[k], self.local, k * BLOCK + first);
+        let x = basis.of(corners::<R, W>(&near.x, local, at));
+        let rotation = rotation(load_q(&self.q[k], first));
+        let damping = load(&block.damping, first);
+        let cells = HexCells::<R, B, W> { basis, near, local, first: at, x, rotation, damping };
+        let (mut f, energy) = self.load.hexes(cells);
+        let scale = load(&block.scale, first);
+        for f in &mut f {
+            *f = (rotation * *f).scale(scale);
+        }
+        out.set(first, basis.at_corners(f), energy * scale);
     }
 }
 
-/// g_a = Σ_b Ke_ab u_b.
+/// Takes off what the turning of R adds: f_a −= b × ḡ_a.
 #[inline(always)]
-fn apply<S: Lane>(shape: &HexShape<S::Scalar>, u: &[Vec3<S>; 8]) -> [Vec3<S>; 8] {
-    let mut g = [Vec3::zero(); 8];
-    if let Some(cube) = &shape.cube {
-        // on the modes of a cube the stiffness is almost diagonal: an eighth of the work
-        let mut amplitude = [[S::zero(); 7]; 3];
-        for i in 0..3 {
-            let mut corner = [S::zero(); 8];
-            for a in 0..8 {
-                corner[a] = u[a].0[i];
-            }
-            amplitude[i] = cubes::modes(corner);
-        }
-        let mut c = [Vec3::zero(); 7];
-        for n in 0..7 {
-            c[n] = Vec3([amplitude[0][n], amplitude[1][n], amplitude[2][n]]);
-        }
-        let [lambda, mu] = cube.on_modes;
-        let f = cubes::stiffness(S::splat(lambda), S::splat(mu), c);
-        for i in 0..3 {
-            let mut part = [S::zero(); 7];
-            for n in 0..7 {
-                part[n] = f[n].0[i];
-            }
-            let corner = cubes::corners(part);
-            for a in 0..8 {
-                g[a].0[i] = corner[a];
-            }
-        }
-        return g;
-    }
-    for (g, row) in g.iter_mut().zip(&shape.stiffness) {
-        // u_0 = 0
-        for b in 1..8 {
-            *g += Mat3::splat(row[b]) * u[b];
-        }
-    }
-    g
-}
-
-/// Takes off what the turning of R adds: g_a −= b × ḡ_a.
-#[inline(always)]
-fn correct<S: Lane>(shape: &HexShape<S::Scalar>, x: &[Vec3<S>; 8], g: &mut [Vec3<S>; 8]) {
+fn correct<S: Lane, B: Basis<S::Scalar>>(basis: &B, x: &[Vec3<S>; 7], f: &mut [Vec3<S>; 7]) {
     let mut T = Vec3::zero();
-    for a in 1..8 {
-        T += x[a].cross(g[a]);
+    for n in 0..7 {
+        T += x[n].cross(f[n]);
     }
     // x is in the cell's frame already, so this is Rᵀ F
-    let S = symmetric(mean_gradient(shape, x));
+    let S = symmetric(basis.gradient(x));
     let G = Mat3::diagonal(S.trace()) - S;
     let C = G.cofactors();
     let mut b = (C * T).scale(S::one() / G.row(0).dot(C.row(0)));
@@ -365,9 +327,7 @@ fn correct<S: Lane>(shape: &HexShape<S::Scalar>, x: &[Vec3<S>; 8], g: &mut [Vec3
     if !all {
         leave_out(&G, &T, &regular, &mut b);
     }
-    for a in 0..8 {
-        g[a] -= b.cross(Vec3::splat(shape.gradient[a]));
-    }
+    basis.less_turning(b, f);
 }
 
 /// b = G⁻¹ T on the eigenvectors of G that are well above zero, for the lanes that are not `regular`.

@@ -77,6 +77,10 @@ pub(in crate::force) struct Cube<R> {
     pub mu: R,
     /// Both constants times the factor of the modes.
     pub(super) on_modes: [R; 2],
+    /// Of a linear mode's amplitude [m], the column of the mean gradient that it is [1/m].
+    pub(super) to_gradient: R,
+    /// Amplitude of the linear modes in the rest shape, each along its axis [m].
+    pub(super) rest: R,
 }
 
 /// The edge of a cube along the axes, to 1e-9 of its size.
@@ -100,6 +104,8 @@ impl<R: Scalar> HexShape<R> {
             lambda: R::from_f64(lambda),
             mu: R::from_f64(mu),
             on_modes: [factor(edge, lambda), factor(edge, mu)],
+            to_gradient: R::from_f64(0.25 / edge),
+            rest: R::from_f64(4.0 * edge),
         });
         let points = hex_points(X);
         let volume: f64 = points.iter().map(|p| p.volume).sum();
