@@ -224,9 +224,7 @@ impl<A: Scalar> Kernel for Forces<'_, A> {
             // registers end here: the compiler would otherwise carry single numbers through the sums below
             let u = &std::hint::black_box(&fetched)[k % 2];
             let block = &self.blocks[k];
-            for first in (0..BLOCK).step_by(W) {
-                cubes::<A, W>(block, first, u, &mut out);
-            }
+            cubes(block, u, &mut out);
             hand_out(std::hint::black_box(&out), local, self.force);
         }
     }
@@ -256,51 +254,43 @@ fn hand_out<A: Scalar>(f: &Corners<A>, local: &[[u16; 8]; BLOCK], force: &mut [[
     }
 }
 
-/// Forces of `W` cubes of a block.
+/// Forces of a block's cubes. Written for one of them: the compiler takes as many at a time as a register has lanes, where it would take
+/// half as many if the code named their number, as numbers are used more than once.
 #[inline(always)]
-fn cubes<A: Scalar, const W: usize>(block: &CubeBlock<A>, first: usize, u: &Corners<A>, out: &mut Corners<A>) {
-    let mut amplitude = [[Wide([A::zero(); W]); 7]; 3];
-    for i in 0..3 {
-        let mut corner = [Wide([A::zero(); W]); 8];
-        for a in 0..8 {
-            corner[a] = lanes::<A, W>(&u[i][a], first);
+fn cubes<A: Scalar>(block: &CubeBlock<A>, u: &Corners<A>, out: &mut Corners<A>) {
+    for l in 0..BLOCK {
+        let (mut c, mut rotation) = ([Vec3::zero(); 7], Mat3::zero());
+        for i in 0..3 {
+            let mut corner = [Wide([A::zero()]); 8];
+            for a in 0..8 {
+                corner[a] = Wide([u[i][a][l]]);
+            }
+            let amplitude = modes(corner);
+            for n in 0..7 {
+                c[n].0[i] = amplitude[n];
+            }
+            for j in 0..3 {
+                rotation.0[i][j] = Wide([block.rotation[i][j][l]]);
+            }
         }
-        amplitude[i] = modes(corner);
-    }
-    let mut rotation = Mat3::zero();
-    for i in 0..3 {
-        for j in 0..3 {
-            rotation.0[i][j] = lanes::<A, W>(&block.rotation[i][j], first);
+        for c in &mut c {
+            *c = rotation.transpose_mul(*c);
         }
-    }
-    let [x, y, z] = amplitude;
-    let mut c = [Vec3::zero(); 7];
-    for n in 0..7 {
-        c[n] = rotation.transpose_mul(Vec3([x[n], y[n], z[n]]));
-    }
-    let mut f = stiffness(lanes::<A, W>(&block.lambda, first), lanes::<A, W>(&block.mu, first), c);
-    for f in &mut f {
-        *f = rotation * *f;
-    }
-    for i in 0..3 {
-        let mut part = [Wide([A::zero(); W]); 7];
-        for n in 0..7 {
-            part[n] = f[n].0[i];
+        let mut f = stiffness(Wide([block.lambda[l]]), Wide([block.mu[l]]), c);
+        for f in &mut f {
+            *f = rotation * *f;
         }
-        let at = corners(part);
-        for a in 0..8 {
-            for l in 0..W {
-                out[i][a][first + l] = at[a].0[l];
+        for i in 0..3 {
+            let mut part = [Wide([A::zero()]); 7];
+            for n in 0..7 {
+                part[n] = f[n].0[i];
+            }
+            let corner = corners(part);
+            for a in 0..8 {
+                out[i][a][l] = corner[a].0[0];
             }
         }
     }
-}
-
-#[inline(always)]
-fn lanes<A: Scalar, const W: usize>(from: &[A; BLOCK], first: usize) -> Wide<A, W> {
-    let mut out = Wide([A::zero(); W]);
-    out.0.copy_from_slice(&from[first..first + W]);
-    out
 }
 
 /// Adds up the corner forces at rows `first..first + y.len()`; returns `xᵀ y` over them.
