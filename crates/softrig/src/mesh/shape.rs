@@ -102,9 +102,39 @@ pub(crate) fn hex_volume(x: &[DVec3; 8]) -> f64 {
 
 /// The parts of a hexahedron's volume at its 2x2x2 integration points.
 pub(crate) fn hex_point_volumes(x: &[DVec3; 8]) -> [f64; 8] {
-    let (a, b) = (0.5 - 0.5 / 3f64.sqrt(), 0.5 + 0.5 / 3f64.sqrt());
+    let at = [0.5 - 0.5 / 3f64.sqrt(), 0.5 + 0.5 / 3f64.sqrt()];
+    // a column of the Jacobian is the same all along its axis, and bilinear in the four edges there
+    let column = |edge: [[DVec3; 2]; 2]| {
+        at.map(|s| at.map(|t| edge[0][0].lerp(edge[1][0], s).lerp(edge[0][1].lerp(edge[1][1], s), t)))
+    };
+    let edge = |from: usize, to: usize| x[to] - x[from];
+    let a = column([[edge(0, 1), edge(4, 5)], [edge(3, 2), edge(7, 6)]]);
+    let b = column([[edge(0, 3), edge(4, 7)], [edge(1, 2), edge(5, 6)]]);
+    let c = column([[edge(0, 4), edge(3, 7)], [edge(1, 5), edge(2, 6)]]);
     CORNERS.map(|s| {
-        let c = DVec3::from(s.map(|s| if s == 1.0 { b } else { a }));
-        hex_jacobian(x, c).determinant() / 8.0
+        let [i, j, k] = s.map(|s| usize::from(s == 1.0));
+        a[j][k].cross(b[i][k]).dot(c[i][j]) / 8.0
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Point by point they are determinants of the Jacobian, which is a sum over the corners.
+    #[test]
+    fn volumes_are_determinants_of_the_jacobian() {
+        let x = CORNERS.map(|s| {
+            let [x, y, z] = s.map(|s| 2.0 * s + 0.3);
+            DVec3::new(x + 0.2 * y * z, 1.5 * y - 0.1 * x * y, z + 0.1 * x * y * z)
+        });
+        let at = 0.5 / 3f64.sqrt();
+        let volumes = hex_point_volumes(&x);
+        for (s, volume) in CORNERS.iter().zip(volumes) {
+            let c = DVec3::from(s.map(|s| if s == 1.0 { 0.5 + at } else { 0.5 - at }));
+            assert!((hex_jacobian(&x, c).determinant() / 8.0 - volume).abs() < 1e-13 * volume.abs());
+        }
+        let spread = volumes.iter().fold(0.0f64, |m, v| m.max((v - volumes[0]).abs()));
+        assert!(spread > 0.1, "the cell is not a box");
+    }
 }
