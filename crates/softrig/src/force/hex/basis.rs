@@ -72,9 +72,9 @@ impl<R: Scalar> Basis<R> for HexShape<R> {
     #[inline(always)]
     fn at_corners<S: Lane<Scalar = R>>(&self, f: [Vec3<S>; 7]) -> [Vec3<S>; 8] {
         let mut out = [Vec3::zero(); 8];
-        for n in 0..7 {
-            out[n + 1] = f[n];
-            out[0] -= f[n];
+        out[1..].copy_from_slice(&f);
+        for f in f {
+            out[0] -= f;
         }
         out
     }
