@@ -6,6 +6,7 @@
 //! assembled rows read a thousand.
 
 use crate::{Lane, Scalar, Vec3};
+use std::ops::{Add, Neg, Sub};
 use std::sync::Arc;
 
 /// Corners of cubes, in VTK order, and what the cubes have in common.
@@ -65,10 +66,10 @@ pub fn mode_factor(edge: f64) -> f64 {
     edge / 16.0
 }
 
-/// Amplitudes (times eight) of ξ, η, ζ, ξη, ηζ, ζξ, ξηζ from the corner values; the constant mode is left out.
+/// Amplitudes (times eight) of ξ, η, ζ, ξη, ηζ, ζξ, ξηζ from what lies at the corners, numbers or vectors; the constant mode is left out.
 #[inline(always)]
 #[must_use]
-pub fn modes<S: Lane>(u: [S; 8]) -> [S; 7] {
+pub fn modes<V: Copy + Add<Output = V> + Sub<Output = V>>(u: [V; 8]) -> [V; 7] {
     let (s0, s1, s2, s3) = (u[1] + u[0], u[2] + u[3], u[5] + u[4], u[6] + u[7]);
     let (d0, d1, d2, d3) = (u[1] - u[0], u[2] - u[3], u[5] - u[4], u[6] - u[7]);
     let (ss0, ss1, sd0, sd1) = (s1 + s0, s3 + s2, s1 - s0, s3 - s2);
@@ -79,7 +80,7 @@ pub fn modes<S: Lane>(u: [S; 8]) -> [S; 7] {
 /// The transpose of [`modes`].
 #[inline(always)]
 #[must_use]
-pub fn corners<S: Lane>(c: [S; 7]) -> [S; 8] {
+pub fn corners<V: Copy + Add<Output = V> + Sub<Output = V> + Neg<Output = V>>(c: [V; 7]) -> [V; 8] {
     let [x, y, z, xy, yz, zx, xyz] = c;
     // below (z-) and above (z+)
     let (s_0, s_1) = (-z, z);

@@ -73,15 +73,6 @@ fn corners<R: Scalar, const W: usize>(from: &[[R; 4]], local: &[[u16; 8]], first
     x
 }
 
-/// All seven in the frame of the cell, `Rᵀ x`.
-#[inline(always)]
-fn turned<S: Lane>(rot: Mat3<S>, mut x: [Vec3<S>; 7]) -> [Vec3<S>; 7] {
-    for x in &mut x {
-        *x = rot.transpose_mul(*x);
-    }
-    x
-}
-
 /// Rotations of a chunk's cells.
 pub(super) struct Rotate<'a, R> {
     pub blocks: &'a [HexBlock<R>],
@@ -158,17 +149,19 @@ pub(super) struct HexCells<'a, R: Scalar, B, const W: usize> {
     near: &'a Near<R, PARTS>,
     local: &'a [[u16; 8]],
     first: usize,
-    /// Positions, or what is multiplied.
-    x: [Vec3<Wide<R, W>>; 7],
     rotation: Mat3<Wide<R, W>>,
     damping: Wide<R, W>,
 }
 
 impl<R: Scalar, B: Basis<R>, const W: usize> HexCells<'_, R, B, W> {
-    /// Other vectors, in the frame of the cell.
+    /// Vectors at the corners, in the frame of the cell.
     #[inline(always)]
     fn turned(&self, from: &Vectors<R, PARTS>) -> [Vec3<Wide<R, W>>; 7] {
-        turned(self.rotation, self.basis.of(corners(from, self.local, self.first)))
+        let mut y = self.basis.of(corners(from, self.local, self.first));
+        for y in &mut y {
+            *y = self.rotation.transpose_mul(*y);
+        }
+        y
     }
 }
 
@@ -182,7 +175,7 @@ impl<R: Scalar> HexLoad<R> for Internal<'_, R> {
     #[inline(always)]
     fn hexes<B: Basis<R>, const W: usize>(&self, cells: HexCells<'_, R, B, W>) -> ([Vec3<Wide<R, W>>; 7], Wide<R, W>) {
         let basis = cells.basis;
-        let x = turned(cells.rotation, cells.x);
+        let x = cells.turned(&cells.near.x);
         let u = basis.displaced(x);
         let mut f = basis.stiffness(u);
         let mut energy = Wide([R::zero(); W]);
@@ -218,7 +211,7 @@ impl<R: Scalar> HexLoad<R> for Product<'_, R> {
     #[inline(always)]
     fn hexes<B: Basis<R>, const W: usize>(&self, cells: HexCells<'_, R, B, W>) -> ([Vec3<Wide<R, W>>; 7], Wide<R, W>) {
         let factor = Wide::splat(R::one()) + Wide::splat(self.rate) * (cells.damping + Wide::splat(self.damping));
-        let mut f = cells.basis.stiffness(turned(cells.rotation, cells.x));
+        let mut f = cells.basis.stiffness(cells.turned(&cells.near.x));
         for f in &mut f {
             *f = f.scale(factor);
         }
@@ -289,12 +282,16 @@ impl<R: Scalar, L: HexLoad<R>> Forces<'_, R, L> {
         first: usize,
         out: &mut Corners<R, 8>,
     ) {
-        let (block, local, at) = (&self.blocks[k], self.local, k * BLOCK + first);
-        let x = basis.of(corners::<R, W>(&near.x, local, at));
+        let block = &self.blocks[k];
         let rotation = rotation(load_q(&self.q[k], first));
-        let damping = load(&block.damping, first);
-        let cells = HexCells::<R, B, W> { basis, near, local, first: at, x, rotation, damping };
-        let (mut f, energy) = self.load.hexes(cells);
+        let (mut f, energy) = self.load.hexes(HexCells::<R, B, W> {
+            basis,
+            near,
+            local: self.local,
+            first: k * BLOCK + first,
+            rotation,
+            damping: load(&block.damping, first),
+        });
         let scale = load(&block.scale, first);
         for f in &mut f {
             *f = (rotation * *f).scale(scale);

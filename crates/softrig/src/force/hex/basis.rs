@@ -85,18 +85,9 @@ impl<R: Scalar> Basis<R> for HexShape<R> {
 impl<R: Scalar> Basis<R> for Cube<R> {
     #[inline(always)]
     fn of<S: Lane<Scalar = R>>(&self, corner: [Vec3<S>; 7]) -> [Vec3<S>; 7] {
-        let mut out = [Vec3::zero(); 7];
-        for i in 0..3 {
-            let mut y = [S::zero(); 8];
-            for n in 0..7 {
-                y[n + 1] = corner[n].0[i];
-            }
-            let amplitude = cubes::modes(y);
-            for n in 0..7 {
-                out[n].0[i] = amplitude[n];
-            }
-        }
-        out
+        let mut all = [Vec3::zero(); 8];
+        all[1..].copy_from_slice(&corner);
+        cubes::modes(all)
     }
 
     #[inline(always)]
@@ -128,18 +119,7 @@ impl<R: Scalar> Basis<R> for Cube<R> {
 
     #[inline(always)]
     fn at_corners<S: Lane<Scalar = R>>(&self, f: [Vec3<S>; 7]) -> [Vec3<S>; 8] {
-        let mut out = [Vec3::zero(); 8];
-        for i in 0..3 {
-            let mut part = [S::zero(); 7];
-            for n in 0..7 {
-                part[n] = f[n].0[i];
-            }
-            let corner = cubes::corners(part);
-            for a in 0..8 {
-                out[a].0[i] = corner[a];
-            }
-        }
-        out
+        cubes::corners(f)
     }
 }
 
