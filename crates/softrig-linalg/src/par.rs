@@ -3,14 +3,30 @@
 //! Work is cut into chunks of fixed size, each result belongs to the chunk that owns it, and sums add the chunks' partial sums
 //! in chunk order. The thread count is that of the surrounding rayon pool.
 
+mod each;
+
+use each::in_parts;
 use rayon::prelude::*;
 use std::ops::Range;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+pub use each::Each;
 
 /// Items per chunk of a reduction: fixed, so that the order of additions is.
 pub const CHUNK: usize = 1024;
 
 /// Sums `f(range)` over consecutive ranges of `CHUNK` items of `0..len`, in f64 and always in the same order.
 pub fn sum(len: usize, f: impl Fn(Range<usize>) -> f64 + Sync) -> f64 {
+    fold(len, f, |a, b| a + b)
+}
+
+/// Largest `f(i)` over `0..len`, and 0 for none of them or none above it. What is not a number does not count.
+pub fn max(len: usize, f: impl Fn(usize) -> f64 + Sync) -> f64 {
+    fold(len, |range| range.fold(0.0, |m: f64, i| m.max(f(i))), f64::max)
+}
+
+/// `f` of every chunk of `0..len`, put together in their order, beginning with 0.
+pub fn fold(len: usize, f: impl Fn(Range<usize>) -> f64 + Sync, both: impl Fn(f64, f64) -> f64) -> f64 {
     let chunks = len.div_ceil(CHUNK);
     if chunks <= 1 {
         return f(0..len);
@@ -20,28 +36,28 @@ pub fn sum(len: usize, f: impl Fn(Range<usize>) -> f64 + Sync) -> f64 {
     // in blocks of 64 chunks: no allocation, whatever the length
     for first in (0..chunks).step_by(64) {
         let n = (chunks - first).min(64);
-        partial[..n].par_iter_mut().enumerate().for_each(|(k, p)| {
-            let start = (first + k) * CHUNK;
-            *p = f(start..(start + CHUNK).min(len));
-        });
-        for p in &partial[..n] {
-            total += p;
-        }
+        partial[..n].par_iter_mut().enumerate().each(|(k, p)| *p = f(range_of(first + k, len)));
+        total = partial[..n].iter().fold(total, |total, p| both(total, *p));
     }
     total
 }
 
-/// Largest `f(i)` over `0..len`, and 0 for none of them or none above it. What is not a number does not count.
-pub fn max(len: usize, f: impl Fn(usize) -> f64 + Sync) -> f64 {
-    let of_chunk = |c: usize| (c * CHUNK..((c + 1) * CHUNK).min(len)).fold(0.0, |m: f64, i| m.max(f(i)));
-    (0..len.div_ceil(CHUNK)).into_par_iter().map(of_chunk).reduce(|| 0.0, f64::max)
-}
-
 /// The first of `0..len` that is as asked. A chunk is asked as a whole, without looking up after each, and once more where one of it is.
 pub fn first(len: usize, is: impl Fn(usize) -> bool + Sync) -> Option<usize> {
-    let of = |c: usize| c * CHUNK..((c + 1) * CHUNK).min(len);
-    let some = |c: &usize| of(*c).fold(false, |some, i| some | is(i));
-    of((0..len.div_ceil(CHUNK)).into_par_iter().find_first(some)?).find(|i| is(*i))
+    let chunks = len.div_ceil(CHUNK);
+    let found = AtomicUsize::new(chunks);
+    (0..chunks).into_par_iter().each(|c| {
+        // not beyond what has been found already
+        if c < found.load(Ordering::Relaxed) && range_of(c, len).fold(false, |some, i| some | is(i)) {
+            found.fetch_min(c, Ordering::Relaxed);
+        }
+    });
+    range_of(found.into_inner(), len).find(|i| is(*i))
+}
+
+/// The items of chunk `c` of `0..len`; none past the last.
+fn range_of(c: usize, len: usize) -> Range<usize> {
+    (c * CHUNK).min(len)..((c + 1) * CHUNK).min(len)
 }
 
 /// Chunk `c` of items that are cut into chunks of `size`; empty past the last.
@@ -50,8 +66,7 @@ pub fn chunk<T>(items: &[T], c: usize, size: usize) -> &[T] {
     items.chunks(size).nth(c).unwrap_or_default()
 }
 
-/// Hands ranges of at most `most` items, with the values that begin at `start` of their first one, to all threads; halves the work
-/// between them. (A recursion rather than a list of parts: it needs no memory.)
+/// Hands ranges of at most `most` items, with the values that begin at `start` of their first one, to all threads.
 pub fn divide<T: Send>(
     range: Range<usize>,
     most: usize,
@@ -71,16 +86,37 @@ pub fn divide_both<T: Send, U: Send>(
     values: (&mut [T], &mut [U]),
     work: &(impl Fn(Range<usize>, &mut [T], &mut [U]) + Sync),
 ) {
-    if range.len() <= most.max(1) {
-        return work(range, values.0, values.1);
-    }
-    let half = range.start + range.len() / 2;
-    let (a, b) = values.0.split_at_mut(start.0(half) - start.0(range.start));
-    let (p, q) = values.1.split_at_mut(start.1(half) - start.1(range.start));
-    rayon::join(
-        || divide_both(range.start..half, most, start, (a, p), work),
-        || divide_both(half..range.end, most, start, (b, q), work),
+    let most = most.max(1);
+    let whole: Part<'_, T, U> = (range, values.0, values.1);
+    in_parts(
+        whole.0.len(),
+        most,
+        whole,
+        |part, count| cut(part, count, start),
+        |mut part| {
+            while part.0.len() > most {
+                let (first, rest) = cut(part, most, start);
+                work(first.0, first.1, first.2);
+                part = rest;
+            }
+            work(part.0, part.1, part.2);
+        },
     );
+}
+
+/// A range of items and their values.
+type Part<'a, T, U> = (Range<usize>, &'a mut [T], &'a mut [U]);
+
+/// The first `count` items of a part, and the others.
+fn cut<'a, T, U>(
+    (range, a, b): Part<'a, T, U>,
+    count: usize,
+    start: (&impl Fn(usize) -> usize, &impl Fn(usize) -> usize),
+) -> (Part<'a, T, U>, Part<'a, T, U>) {
+    let middle = range.start + count;
+    let a = a.split_at_mut(start.0(middle) - start.0(range.start));
+    let b = b.split_at_mut(start.1(middle) - start.1(range.start));
+    ((range.start..middle, a.0, b.0), (middle..range.end, a.1, b.1))
 }
 
 #[cfg(test)]

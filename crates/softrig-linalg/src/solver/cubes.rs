@@ -6,6 +6,7 @@ use super::free::FreePattern;
 use super::pcg::kernel::{Inverse, StoreAndDot, inverse_of_block};
 use super::sliced::RowWork;
 use crate::cubes::{CORNER, corner_factors, corners, mode_factor, modes, stiffness};
+use crate::par::Each;
 use crate::{CELLS, CubeMatrix, CubePattern, Kernel, Lane, Mat3, Scalar, Scatter, Vec3, Wide, add_four, par, run_wide};
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -99,7 +100,7 @@ impl<A: Scalar> FreeCubes<A> {
     pub fn load<R: Scalar>(&mut self, matrix: &CubeMatrix<R>, free: &FreePattern) {
         let factor = mode_factor(matrix.pattern.edge);
         let cast = |v: R| A::from_f64(v.to_f64());
-        self.blocks.par_iter_mut().enumerate().for_each(|(k, block)| {
+        self.blocks.par_iter_mut().enumerate().each(|(k, block)| {
             for l in 0..BLOCK.min(matrix.lame.len() - k * BLOCK) {
                 let columns = &matrix.rotation[k * BLOCK + l];
                 for i in 0..3 {
@@ -112,14 +113,14 @@ impl<A: Scalar> FreeCubes<A> {
                 block.mu[l] = A::from_f64(mu.to_f64() * factor);
             }
         });
-        self.diagonal.par_iter_mut().zip(&free.node).with_min_len(par::CHUNK).for_each(|(to, node)| {
+        self.diagonal.par_iter_mut().zip(&free.node).with_min_len(par::CHUNK).each(|(to, node)| {
             *to = cast(matrix.diagonal[*node as usize]);
         });
     }
 
     /// Inverts the diagonal blocks; one that has no inverse becomes zero.
     pub fn invert_diagonal(&self, inverse: &mut [Inverse<A>]) {
-        inverse.par_chunks_mut(ROWS).enumerate().for_each(|(c, inverse)| {
+        inverse.par_chunks_mut(ROWS).enumerate().each(|(c, inverse)| {
             for (k, inverse) in inverse.iter_mut().enumerate() {
                 let row = c * ROWS + k;
                 // α I + β t tᵀ of each corner, above the diagonal
@@ -155,7 +156,7 @@ impl<A: Scalar> FreeCubes<A> {
     pub fn product(&mut self, x: &[[A; 4]], y: &mut [[A; 4]]) {
         self.corner_forces(x);
         let cubes = &*self;
-        y.par_chunks_mut(ROWS).enumerate().for_each(|(c, y)| {
+        y.par_chunks_mut(ROWS).enumerate().each(|(c, y)| {
             run_wide::<A, _>(Collect { cubes, x, chunk: c, y });
         });
     }
@@ -164,7 +165,7 @@ impl<A: Scalar> FreeCubes<A> {
     pub fn product_dot(&mut self, x: &[[A; 4]], y: &mut [[A; 4]], partial: &mut [[f64; 2]]) {
         self.corner_forces(x);
         let cubes = &*self;
-        y.par_chunks_mut(ROWS).zip(partial).enumerate().for_each(|(c, (y, partial))| {
+        y.par_chunks_mut(ROWS).zip(partial).enumerate().each(|(c, (y, partial))| {
             partial[0] = run_wide::<A, _>(Collect { cubes, x, chunk: c, y });
         });
     }

@@ -5,6 +5,7 @@
 
 use super::SolveError;
 use super::sliced::Fault;
+use crate::par::Each;
 use crate::{BlockPattern, DofConstraints, Scalar, par};
 use rayon::prelude::*;
 use std::ops::{Deref, Range};
@@ -206,7 +207,7 @@ impl FreePattern {
 
     /// Writes a vector of free rows to the nodes, zero to constrained ones.
     pub fn scatter<A: Scalar, R: Scalar, const N: usize>(&self, free: &[[A; N]], nodes: &mut [[R; 3]]) {
-        nodes.par_iter_mut().enumerate().with_min_len(par::CHUNK).for_each(|(node, out)| {
+        nodes.par_iter_mut().enumerate().with_min_len(par::CHUNK).each(|(node, out)| {
             *out = match self.row_of(node).and_then(|row| free.get(row)) {
                 Some(x) => std::array::from_fn(|k| R::from_f64(x[k].to_f64())),
                 None => [R::zero(); 3],

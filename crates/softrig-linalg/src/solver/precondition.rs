@@ -8,6 +8,7 @@ use super::pcg::kernel::{Inverse, Product};
 use super::quads::Quads;
 use super::sliced::{ROWS, Sliced};
 use super::{LinearSystem, SolveError};
+use crate::par::Each;
 use crate::{Scalar, run_wide};
 use rayon::prelude::*;
 
@@ -105,7 +106,7 @@ impl<A: Scalar> Operator<A> {
         } else if let Some(Stored { matrix, .. }) = &self.stored {
             let x = self.x.get();
             let rows = self.y.get_mut().par_chunks_mut(ROWS).zip(x.par_chunks(ROWS));
-            rows.enumerate().for_each(|(chunk, (y, own))| {
+            rows.enumerate().each(|(chunk, (y, own))| {
                 run_wide::<A, _>(Product { matrix, chunk, x, own, y });
             });
         }

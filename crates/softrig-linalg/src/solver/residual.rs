@@ -5,6 +5,7 @@
 
 use super::free::FreePattern;
 use super::sliced::{RowWork, Sliced};
+use crate::par::Each;
 use crate::{BlockCsr, Kernel, Lane, Scalar, Wide, par, run_wide};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
@@ -40,7 +41,7 @@ impl<B: Scalar, A: Scalar, const N: usize> Target<'_, B, A, N> {
     pub fn of_rows(self, product: impl Fn(usize) -> [f64; 3] + Sync) -> f64 {
         let Self { free, rhs, scale, out, squares } = self;
         let sums = squares.of(out.len().div_ceil(par::CHUNK));
-        out.par_chunks_mut(par::CHUNK).zip(sums).enumerate().for_each(|(c, (out, sum))| {
+        out.par_chunks_mut(par::CHUNK).zip(sums).enumerate().each(|(c, (out, sum))| {
             let mut square = 0.0;
             for (k, out) in out.iter_mut().enumerate() {
                 let row = c * par::CHUNK + k;
@@ -60,7 +61,7 @@ impl<B: Scalar, A: Scalar, const N: usize> Target<'_, B, A, N> {
     ) -> f64 {
         let Self { free, rhs, scale, out, squares } = self;
         let sums = squares.of(out.len().div_ceil(par::CHUNK));
-        out.par_chunks_mut(par::CHUNK).zip(sums).enumerate().for_each(|(c, (out, sum))| {
+        out.par_chunks_mut(par::CHUNK).zip(sums).enumerate().each(|(c, (out, sum))| {
             let first = c * par::CHUNK;
             let square = run_wide::<f64, _>(Entries { free, identity, scale, matrix, rhs, x, first, out });
             sum.store(square.to_bits(), Relaxed);

@@ -15,6 +15,7 @@ use fill::Fill;
 
 use super::free::{BlockRows, Blocks, FreePattern};
 use super::pcg::kernel::Inverse;
+use crate::par::Each;
 use crate::{Lane, Rows, Scalar, Wide};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -136,7 +137,7 @@ impl<A: Scalar> Sliced<A> {
     ) -> Result<(), Fault> {
         let fill = Fill::new(self, free, inverse, identity);
         let columns = |node: usize| &rows.pattern().column()[rows.pattern().row(node)];
-        (0..rows.part_count()).into_par_iter().for_each(|part| {
+        (0..rows.part_count()).into_par_iter().each(|part| {
             if A::NAME == f32::NAME {
                 rows.for_rows_in_single(part, &mut |node, blocks| fill.take_node(free, node, columns(node), blocks));
             } else {
@@ -159,7 +160,7 @@ impl<A: Scalar> Sliced<A> {
     ) -> Result<(), Fault> {
         let fill = Fill::new(self, pattern, inverse, identity);
         let rows = (0..pattern.row_count()).into_par_iter().with_min_len(ROWS);
-        rows.for_each(|row| fill.take(row, pattern.row(row).map(|k| block_of(row, k))));
+        rows.each(|row| fill.take(row, pattern.row(row).map(|k| block_of(row, k))));
         fill.finish()
     }
 

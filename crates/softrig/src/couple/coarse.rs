@@ -9,6 +9,7 @@ use super::follow::Following;
 use super::jacobian::{NodeJacobian, Role};
 use super::rows::{Block, BoneRows};
 use rayon::prelude::*;
+use softrig_linalg::par::Each;
 use softrig_linalg::{BlockCsr, Scalar};
 
 /// Rows per task.
@@ -79,7 +80,7 @@ impl CoarseSpace {
         let images = Images { nodes, binding, role, matrix, shift, share: &self.share };
         let chunks = role.len().div_ceil(CHUNK);
         self.pieces.resize_with(chunks, Piece::default);
-        self.pieces.par_iter_mut().enumerate().for_each(|(c, piece)| {
+        self.pieces.par_iter_mut().enumerate().each(|(c, piece)| {
             images.fill(c * CHUNK..((c + 1) * CHUNK).min(role.len()), width, piece);
         });
         self.matrix.clear();
@@ -105,7 +106,7 @@ impl CoarseSpace {
     /// W in the pose of `nodes`.
     pub fn turn(&mut self, nodes: &NodeJacobian) {
         let (share, entries) = (&self.share, &nodes.entries);
-        self.along.value.par_chunks_mut(CHUNK).zip(self.source.par_chunks(CHUNK)).for_each(|(value, source)| {
+        self.along.value.par_chunks_mut(CHUNK).zip(self.source.par_chunks(CHUNK)).each(|(value, source)| {
             for (to, (n, e)) in value.iter_mut().zip(source) {
                 let (g, s) = (&entries[*e as usize], share[*n as usize]);
                 *to = std::array::from_fn(|r| {

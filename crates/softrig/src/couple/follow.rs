@@ -7,6 +7,7 @@
 
 use super::jacobian::Role;
 use rayon::prelude::*;
+use softrig_linalg::par::Each;
 use softrig_linalg::{BlockCsr, Scalar};
 
 /// Nodes per task.
@@ -39,7 +40,7 @@ impl Following {
         out.clear();
         out.extend(role.iter().map(|r| if *r == Role::Bound { 1.0 } else { 0.0 }));
         let product = |x: &[f64], y: &mut [f64]| {
-            y.par_chunks_mut(CHUNK).enumerate().for_each(|(c, y)| {
+            y.par_chunks_mut(CHUNK).enumerate().each(|(c, y)| {
                 for (k, y) in y.iter_mut().enumerate() {
                     let i = c * CHUNK + k;
                     let row = pattern.row(i);

@@ -8,6 +8,7 @@ use super::blend::{BoneMotion, blend_derivative, blend_point};
 use crate::rig::{Articulation, Column, Pose, Skeleton};
 use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
+use softrig_linalg::par::Each;
 
 /// Nodes per task, and per partial sum.
 const CHUNK: usize = 512;
@@ -84,7 +85,7 @@ impl NodeJacobian {
         let mut partial = std::mem::take(&mut self.partial);
         partial.clear();
         partial.resize(chunks * bones, [0.0; 6]);
-        partial.par_chunks_mut(bones.max(1)).enumerate().for_each(|(c, sum)| {
+        partial.par_chunks_mut(bones.max(1)).enumerate().each(|(c, sum)| {
             for n in c * CHUNK..((c + 1) * CHUNK).min(f.len()) {
                 if role[n] != which {
                     continue;

@@ -2,6 +2,7 @@
 //! force their twists make at it. What an iteration multiplies by many times is kept as small as it can be.
 
 use rayon::prelude::*;
+use softrig_linalg::par::Each;
 
 /// Nodes per task, and per partial sum.
 const CHUNK: usize = 512;
@@ -64,7 +65,7 @@ impl BoneRows {
         let partial = &mut partial.0;
         partial.clear();
         partial.resize(count.div_ceil(CHUNK) * bones, [0.0; 8]);
-        partial.par_chunks_mut(bones).enumerate().for_each(|(c, sum)| {
+        partial.par_chunks_mut(bones).enumerate().each(|(c, sum)| {
             for item in c * CHUNK..((c + 1) * CHUNK).min(count) {
                 let (n, f) = force(item);
                 self.add_transposed(n, f, sum);

@@ -7,6 +7,7 @@ use super::hex::{HexBlock, HexShape, columns};
 use super::incidence::{Corner, EDGES, GROUP, GROUPS, Incidence, NODES, Strips};
 use super::tet::{BLOCK, Tets, Warped, cast, warp};
 use rayon::prelude::*;
+use softrig_linalg::par::Each;
 use softrig_linalg::{BlockPattern, Kernel, Lane, Scalar, Scatter, Stacked, Wide, par, run_wide};
 
 /// Most blocks of a row: their places are counted in 16 bits.
@@ -44,7 +45,7 @@ pub(super) fn gather_forces<R: Scalar>(
     diagonal: Option<Diagonal<'_, R>>,
     force: &mut [[R; 3]],
 ) {
-    force.par_chunks_mut(1024).enumerate().for_each(|(chunk, out)| {
+    force.par_chunks_mut(1024).enumerate().each(|(chunk, out)| {
         for (k, f) in out.iter_mut().enumerate() {
             let node = chunk * 1024 + k;
             let mut sum = Wide([R::zero(); 4]);

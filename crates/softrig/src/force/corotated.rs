@@ -13,6 +13,7 @@ use super::tet::{self, BLOCK, TASK, TetConstants, TetLoad, Tets, tet_gradients};
 use crate::material::MaterialMap;
 use crate::mesh::VolumeMesh;
 use rayon::prelude::*;
+use softrig_linalg::par::Each;
 use softrig_linalg::{BlockCsr, BlockPattern, CELLS, CubeMatrix, CubePattern, Scalar, Scatter, either, par, run_wide};
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -173,7 +174,7 @@ impl<R: Scalar> Corotated<R> {
     fn turn_hexes(&mut self, position: &[[R; 3]]) {
         let Self { hexes, shapes, hex_scatter, .. } = self;
         let hexes = hexes.par_chunks(TASK).zip(self.hex_q.par_chunks_mut(TASK)).enumerate();
-        hexes.for_each(|(c, (blocks, q))| {
+        hexes.each(|(c, (blocks, q))| {
             let (nodes, local) = (hex_scatter.nodes(c), hex_scatter.local(c));
             run_wide::<R, _>(hex::Rotate { blocks, shapes, nodes, local, position, q });
         });
@@ -239,7 +240,7 @@ impl<R: Scalar> ForceModel<R> for Corotated<R> {
             return;
         }
         let Self { tets, .. } = self;
-        self.tet_q.par_chunks_mut(TASK).enumerate().for_each(|(chunk, q)| {
+        self.tet_q.par_chunks_mut(TASK).enumerate().each(|(chunk, q)| {
             run_wide::<R, _>(tet::Rotate { tets, chunk, position, q });
         });
         self.turn_hexes(position);
@@ -306,7 +307,7 @@ impl<R: Scalar> ForceModel<R> for Corotated<R> {
             return;
         }
         let cells = matrix.rotation.par_iter_mut().zip(&mut matrix.lame).enumerate().with_min_len(CELLS);
-        cells.for_each(|(cell, (rotation, lame))| {
+        cells.each(|(cell, (rotation, lame))| {
             let (columns, shape) = hex::columns(&self.hexes, &self.hex_q, cell);
             let (young_modulus, b) = (columns[0][3], columns[1][3]);
             let factor = young_modulus * (R::one() + rate * (b + damping));
@@ -320,7 +321,7 @@ impl<R: Scalar> ForceModel<R> for Corotated<R> {
     fn save(&mut self) {
         self.saved.resize(self.tet_q.len() + self.hex_q.len(), [[0.0; BLOCK]; 4]);
         let all = self.saved.par_iter_mut().zip(self.tet_q.par_iter_mut().chain(&mut self.hex_q));
-        all.with_min_len(TASK).for_each(|(saved, q)| {
+        all.with_min_len(TASK).each(|(saved, q)| {
             for (saved, q) in saved.as_flattened_mut().iter_mut().zip(q.as_flattened_mut()) {
                 *saved = f32::from_f64(q.to_f64());
                 *q = R::from_f64(saved.to_f64());
@@ -347,7 +348,7 @@ impl<R: Scalar> ForceModel<R> for Corotated<R> {
         out.clear();
         out.resize(self.tets.scatter.cell_count(), [R::zero(); 4]);
         if self.tet_order.is_empty() {
-            out.par_iter_mut().enumerate().with_min_len(CELLS).for_each(|(i, out)| *out = lane(&self.tet_q, i));
+            out.par_iter_mut().enumerate().with_min_len(CELLS).each(|(i, out)| *out = lane(&self.tet_q, i));
         }
         for (i, cell) in self.tet_order.iter().enumerate() {
             out[*cell as usize] = lane(&self.tet_q, i);

@@ -20,6 +20,7 @@ use super::{Integrator, State, StepError, StepInput, StepOutput, earlier_toleran
 use crate::body::Body;
 use crate::force::Increment;
 use rayon::prelude::*;
+use softrig_linalg::par::Each;
 use softrig_linalg::{BlockCsr, BlockPattern, CubeMatrix, DofConstraints, LinearSolver, Scalar, either, par};
 use std::ops::Range;
 use std::sync::Arc;
@@ -185,7 +186,7 @@ impl<R: Scalar> Implicit<R> {
         if body.is_damped() {
             let (mut v, still) = (std::mem::take(&mut self.v), &*body);
             v.resize(self.d.len(), [R::zero(); 3]);
-            v.par_iter_mut().enumerate().with_min_len(par::CHUNK).for_each(|(i, v)| {
+            v.par_iter_mut().enumerate().with_min_len(par::CHUNK).each(|(i, v)| {
                 *v = self.motion(still, c, input, state, i)[0];
             });
             self.v = v;
@@ -202,7 +203,7 @@ impl<R: Scalar> Implicit<R> {
             self.inertia.resize(a.len(), [R::zero(); 3]);
             multiply(m, &a, &mut self.inertia);
         }
-        rhs.par_iter_mut().enumerate().with_min_len(par::CHUNK).for_each(|(i, r)| {
+        rhs.par_iter_mut().enumerate().with_min_len(par::CHUNK).each(|(i, r)| {
             if body.constraints.is_constrained(i) {
                 *r = [R::zero(); 3];
                 return;
@@ -232,7 +233,7 @@ impl<R: Scalar> Implicit<R> {
         let n = state.position.len();
         let (start, still) = (&self.start, &*body);
         let both = self.d.par_iter_mut().zip(&mut self.x).enumerate().with_min_len(par::CHUNK);
-        both.for_each(|(i, (d, x))| {
+        both.each(|(i, (d, x))| {
             *d = start.get(i).copied().unwrap_or([R::zero(); 3]);
             if still.constraints.is_constrained(i) {
                 *d = [R::zero(); 3];
@@ -275,7 +276,7 @@ impl<R: Scalar> Implicit<R> {
             }
             let (correction, still) = (&self.correction, &*body);
             let both = self.d.par_iter_mut().zip(&mut self.x).enumerate().with_min_len(par::CHUNK);
-            both.for_each(|(i, (d, x))| {
+            both.each(|(i, (d, x))| {
                 if !still.constraints.is_constrained(i) {
                     (0..3).for_each(|k| d[k] += correction[i][k]);
                 }
@@ -290,7 +291,7 @@ impl<R: Scalar> Implicit<R> {
         }
         // the velocities wait where the correction was
         let (d, still) = (&self.d, &*body);
-        self.correction.par_iter_mut().enumerate().with_min_len(par::CHUNK).for_each(|(i, v)| {
+        self.correction.par_iter_mut().enumerate().with_min_len(par::CHUNK).each(|(i, v)| {
             [*v, _] = motion(still, &c, input, i, [d[i], state.velocity[i], state.acceleration[i]]);
         });
         finite("position", time, &self.x)?;
@@ -332,7 +333,7 @@ impl<R: Scalar> Integrator<R> for Implicit<R> {
         let c = self.scheme.constants(input.dt);
         let (d, still) = (&self.d, &*body);
         let (velocity, accelerations) = (&state.velocity, state.acceleration.par_iter_mut());
-        accelerations.enumerate().with_min_len(par::CHUNK).for_each(|(i, a)| {
+        accelerations.enumerate().with_min_len(par::CHUNK).each(|(i, a)| {
             [_, *a] = motion(still, &c, input, i, [d[i], velocity[i], *a]);
         });
         std::mem::swap(&mut state.velocity, &mut self.correction);

@@ -2,6 +2,7 @@
 
 use crate::body::Body;
 use rayon::prelude::*;
+use softrig_linalg::par::Each;
 use softrig_linalg::{BlockCsr, BlockPattern, CubeMatrix, LinearSystem, Rows, Scalar, par};
 use std::sync::Arc;
 
@@ -31,7 +32,7 @@ impl<'a, R: Scalar> StepSystem<'a, R> {
         if let Some(cubes) = &mut cubes {
             body.model.cubes(factors.0, body.stiffness_damping, cubes);
             let diagonal = diagonal(body, factors);
-            cubes.diagonal.par_iter_mut().enumerate().with_min_len(par::CHUNK).for_each(|(i, d)| *d = diagonal(i));
+            cubes.diagonal.par_iter_mut().enumerate().with_min_len(par::CHUNK).each(|(i, d)| *d = diagonal(i));
         }
         Self { body, factors, matrix, cubes, assembled: false, guess: None }
     }

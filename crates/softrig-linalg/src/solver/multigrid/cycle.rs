@@ -6,6 +6,7 @@ use super::galerkin::{Galerkin, coarse_pattern, interpolate_add};
 use super::interpolation::Interpolation;
 use super::level::{Level, order_for};
 use super::settings::{Marking, MultigridSettings, Smoother};
+use crate::par::Each;
 use crate::solver::free::{Blocks, FreePattern};
 use crate::solver::quads::Quads;
 use crate::solver::sliced::{Fault, Sliced};
@@ -156,15 +157,15 @@ impl Cycle {
                 |m: [R; 4], r: &[R; 4]| std::array::from_fn(|k| if r[k].abs() > m[k] { r[k].abs() } else { m[k] });
             r.iter().fold([R::zero(); 4], larger).iter().fold(0.0, |m: f64, v| m.max(v.to_f64()))
         };
-        let largest = r.par_chunks(par::CHUNK).map(largest_of).reduce(|| 0.0, f64::max);
+        let largest = par::fold(r.len(), |range| largest_of(&r[range]), f64::max);
         // by a power of two, which rounds nothing
         let exponent = if largest > 0.0 { -largest.log2().floor().clamp(-1000.0, 1000.0) } else { 0.0 };
         let (scale, back) = (exponent.exp2(), (-exponent).exp2());
-        self.levels[0].b.get_mut().par_iter_mut().zip(r).with_min_len(par::CHUNK).for_each(|(b, r)| {
+        self.levels[0].b.get_mut().par_iter_mut().zip(r).with_min_len(par::CHUNK).each(|(b, r)| {
             *b = r.map(|v| (v.to_f64() * scale) as f32);
         });
         self.descend(0);
-        z.par_iter_mut().zip(self.levels[0].x.get()).with_min_len(par::CHUNK).for_each(|(z, x)| {
+        z.par_iter_mut().zip(self.levels[0].x.get()).with_min_len(par::CHUNK).each(|(z, x)| {
             *z = x.map(|v| R::from_f64(f64::from(v) * back));
         });
     }

@@ -7,6 +7,7 @@
 
 use super::interpolation::{Interpolation, Weights};
 use super::pattern::Pattern;
+use crate::par::Each;
 use crate::solver::free::{BlockRows, Blocks};
 use crate::solver::sliced::Sliced;
 use crate::{Kernel, par, run_wide};
@@ -313,7 +314,7 @@ fn add(sum: &mut [f32; 9], w: f32, a: &[f32; 9]) {
 
 /// `out = Σ weight x` for every row of the interpolation, added to what is there.
 pub(super) fn interpolate_add(p: &Weights, x: &[[f32; 4]], out: &mut [[f32; 4]]) {
-    out.par_chunks_mut(ROWS).enumerate().for_each(|(c, out)| {
+    out.par_chunks_mut(ROWS).enumerate().each(|(c, out)| {
         for (i, out) in out.iter_mut().enumerate() {
             let row = p.row(c * ROWS + i);
             // two sums: one addition need not wait for the last one

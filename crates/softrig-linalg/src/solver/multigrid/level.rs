@@ -3,6 +3,7 @@
 use super::colour::by_colour;
 use super::products::{Advance, Again, Matrix, Product, Reduce, Relax, Start};
 use super::settings::Smoother;
+use crate::par::Each;
 use crate::solver::cubes::FreeCubes;
 use crate::solver::free::{BlockRows, Blocks, FreePattern};
 use crate::solver::pcg::kernel::Inverse;
@@ -136,7 +137,7 @@ impl Level {
             let partial = &mut self.partial[..chunks.len()];
             let vectors = (q.get_mut()[rows.clone()].par_chunks_mut(ROWS), p.get()[rows].par_chunks(ROWS));
             let all = (vectors.0, vectors.1, partial.par_iter_mut()).into_par_iter().enumerate();
-            all.with_min_len(CHUNKS).for_each(|(c, (y, own, partial))| {
+            all.with_min_len(CHUNKS).each(|(c, (y, own, partial))| {
                 *partial = run_wide::<f32, _>(Product { matrix, chunk: chunks.start + c, x: p.padded(), own, y });
             });
             sum += self.partial[..chunks.len()].iter().sum::<f64>();
@@ -234,7 +235,7 @@ impl Level {
             (vectors.0.par_chunks_mut(ROWS), vectors.1.par_chunks_mut(ROWS), vectors.2.par_chunks_mut(ROWS));
         let (b, inverse) = (self.b.get().par_chunks(ROWS), self.inverse.par_chunks(ROWS));
         let all = (r, d, x, b, inverse).into_par_iter().with_min_len(CHUNKS);
-        all.for_each(|(r, d, x, b, inverse)| run_wide::<f32, _>(Start { gain, inverse, b, r, d, x }));
+        all.each(|(r, d, x, b, inverse)| run_wide::<f32, _>(Start { gain, inverse, b, r, d, x }));
     }
 
     /// `r = b - A x`, `d = gain D⁻¹ r`; `x` lags behind by `d`.
@@ -246,7 +247,7 @@ impl Level {
             let (r, d) = (vectors.0.par_chunks_mut(ROWS), vectors.1.par_chunks_mut(ROWS));
             let (b, inverse) = (self.b.get()[rows.clone()].par_chunks(ROWS), self.inverse[rows].par_chunks(ROWS));
             let all = (r, d, b, inverse).into_par_iter().enumerate().with_min_len(CHUNKS);
-            all.for_each(|(c, (r, d, b, inverse))| {
+            all.each(|(c, (r, d, b, inverse))| {
                 run_wide::<f32, _>(Again { matrix, chunk: chunks.start + c, gain, x, inverse, b, r, d });
             });
         }
@@ -270,7 +271,7 @@ impl Level {
             let (r, e) = (self.r.get_mut().par_chunks_mut(ROWS), self.e.get_mut().par_chunks_mut(ROWS));
             let (x, inverse) = (self.x.get_mut().par_chunks_mut(ROWS), self.inverse.par_chunks(ROWS));
             let all = (own, r, e, x, inverse).into_par_iter().enumerate().with_min_len(CHUNKS);
-            all.for_each(|(chunk, (own, r, e, x, inverse))| {
+            all.each(|(chunk, (own, r, e, x, inverse))| {
                 run_wide::<f32, _>(Advance { matrix, chunk, keep, gain, late, d, own, inverse, r, e, x });
             });
             std::mem::swap(&mut self.d, &mut self.e);
@@ -283,7 +284,7 @@ impl Level {
         let matrix = multiplier(&self.matrix, &mut self.cubes, self.by_cubes, &self.d);
         let d = self.d.padded();
         let all = self.r.get_mut().par_chunks_mut(ROWS).enumerate().with_min_len(CHUNKS);
-        all.for_each(|(chunk, r)| run_wide::<f32, _>(Reduce { matrix, chunk, d, r }));
+        all.each(|(chunk, r)| run_wide::<f32, _>(Reduce { matrix, chunk, d, r }));
     }
 
     /// One sweep of Gauss-Seidel.
@@ -299,7 +300,7 @@ impl Level {
                 (self.b.get()[rows.clone()].par_chunks(ROWS), self.inverse[rows.clone()].par_chunks(ROWS));
             // a colour has few chunks: each may go to another thread
             let all = (own, y, b, inverse).into_par_iter().enumerate();
-            all.for_each(|(c, (own, y, b, inverse))| {
+            all.each(|(c, (own, y, b, inverse))| {
                 run_wide::<f32, _>(Relax { matrix, chunk: chunks.start + c, x, own, inverse, b, y });
             });
             self.x.get_mut()[rows.clone()].copy_from_slice(&self.e.get()[rows]);

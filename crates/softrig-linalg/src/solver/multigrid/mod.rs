@@ -27,10 +27,9 @@ pub(super) use cycle::Cycle;
 use super::free::FreePattern;
 use super::pcg::{Asked, ITERATION_LIMIT, Iteration};
 use super::{BELOW_SINGLE, LinearSolver, LinearSystem, Preconditioner, SolveError, SolveReport, Stored, Traffic};
-use crate::{BlockCsr, BlockPattern, CELLS, DofConstraints, Scalar, either};
+use crate::{BlockCsr, BlockPattern, DofConstraints, Scalar, either, par};
 use age::Age;
 use level::order_for;
-use rayon::prelude::*;
 use std::sync::Arc;
 
 /// Loading a system and the coarse operators that have to be made now and then, in products in f64.
@@ -176,11 +175,12 @@ impl<R: Scalar> Multigrid<R> {
             Rebuild::WhenTurned(angle) => {
                 system.rotations(&mut self.turned);
                 let least = (0.5 * angle.clamp(0.0, std::f64::consts::PI)).cos();
-                let same = |(a, b): (&[R; 4], &[R; 4])| {
-                    (0..4).map(|k| a[k].to_f64() * b[k].to_f64()).sum::<f64>().abs() >= least
+                let (now, then) = (&self.turned, &self.built);
+                let turned = |i: usize| {
+                    let cosine = (0..4).map(|k| now[i][k].to_f64() * then[i][k].to_f64()).sum::<f64>().abs();
+                    cosine.is_nan() || cosine < least
                 };
-                let known = !self.turned.is_empty() && self.turned.len() == self.built.len();
-                !(known && self.turned.par_iter().zip(&self.built).with_min_len(CELLS).all(same))
+                now.is_empty() || now.len() != then.len() || par::first(now.len(), turned).is_some()
             }
         }
     }

@@ -12,6 +12,7 @@
 
 use super::kernel::{Direction, Inverse, Product, Update, dots};
 use super::load::{Asked, CubeProducts};
+use crate::par::Each;
 use crate::solver::cubes;
 use crate::solver::free::FreePattern;
 use crate::solver::multigrid::Cycle;
@@ -85,7 +86,7 @@ impl<R: Scalar> Iteration<R> {
         } else if let Some(matrix) = &self.values {
             let x = self.p.get();
             let rows = (self.q.get_mut().par_chunks_mut(ROWS), x.par_chunks(ROWS), &mut self.partial);
-            rows.into_par_iter().enumerate().for_each(|(chunk, (y, own, partial))| {
+            rows.into_par_iter().enumerate().each(|(chunk, (y, own, partial))| {
                 partial[0] = run_wide::<R, _>(Product { matrix, chunk, x, own, y });
             });
         }
@@ -109,7 +110,7 @@ impl<R: Scalar> Iteration<R> {
             .into_par_iter()
             .zip((self.p.get().par_chunks(ROWS), self.q.get().par_chunks(ROWS)))
             .enumerate()
-            .for_each(|(c, ((x, r, z, partial), (p, q)))| {
+            .each(|(c, ((x, r, z, partial), (p, q)))| {
                 let inverse = par::chunk(inverse, c, ROWS);
                 *partial = run_wide::<R, _>(Update { alpha, p, q, inverse, x, r, z });
             });
@@ -129,7 +130,7 @@ impl<R: Scalar> Iteration<R> {
         let nodes = self.prepared.as_ref().map_or(0, |whole| whole.row_count());
         let moves = |g: &&[[B; 3]]| g.len() == nodes && free.node.iter().any(|n| g[*n as usize] != [B::zero(); 3]);
         let Some(guess) = guess.filter(moves) else { return R::zero() };
-        self.p.get_mut().par_iter_mut().enumerate().with_min_len(par::CHUNK).for_each(|(row, p)| {
+        self.p.get_mut().par_iter_mut().enumerate().with_min_len(par::CHUNK).each(|(row, p)| {
             let g = free.of_row(guess, row);
             *p = [R::from_f64(g[0]), R::from_f64(g[1]), R::from_f64(g[2]), R::zero()];
         });
@@ -202,7 +203,7 @@ impl<R: Scalar> Iteration<R> {
 
     /// `p = z + beta p`.
     fn direction(&mut self, beta: R) {
-        self.p.get_mut().par_chunks_mut(ROWS).zip(self.z.get().par_chunks(ROWS)).for_each(|(p, z)| {
+        self.p.get_mut().par_chunks_mut(ROWS).zip(self.z.get().par_chunks(ROWS)).each(|(p, z)| {
             run_wide::<R, _>(Direction { beta, z, p });
         });
     }
@@ -274,7 +275,7 @@ impl<R: Scalar> Iteration<R> {
     ) -> f64 {
         let factor = 1.0 / (scale * part);
         let (found, x) = (self.x.get(), self.candidate.get_mut());
-        x.par_iter_mut().zip(found).with_min_len(par::CHUNK).for_each(|(x, found)| {
+        x.par_iter_mut().zip(found).with_min_len(par::CHUNK).each(|(x, found)| {
             (0..3).for_each(|c| x[c] = B::from_f64(x[c] + found[c].to_f64() * factor).to_f64());
         });
         let (free, x, identity) = (&*self.pattern, self.candidate.get(), &self.identity[..]);
@@ -360,7 +361,7 @@ impl<R: Scalar> Iteration<R> {
             // each pass solves for what is left, of size 1 again: f32 has the digits but not the range
             let part = (-left.sqrt().log2().floor()).exp2();
             let factor = R::from_f64(part);
-            self.r.get_mut().par_iter_mut().with_min_len(par::CHUNK).for_each(|r| *r = r.map(|v| v * factor));
+            self.r.get_mut().par_iter_mut().with_min_len(par::CHUNK).each(|r| *r = r.map(|v| v * factor));
             for v in [&mut self.x, &mut self.p, &mut self.q] {
                 v.get_mut().fill([R::zero(); 4]);
             }

@@ -4,6 +4,7 @@
 //! a zero; it is added all the same, because a compiler that sees it unused takes the other three apart. Dot products are added
 //! in f64 also for f32 vectors.
 
+use crate::par::Each;
 use crate::solver::cubes::ROWS;
 use crate::solver::sliced::{RowWork, Sliced};
 use crate::{Kernel, Lane, Mat3, Scalar, Vec3, Wide};
@@ -108,7 +109,7 @@ impl<A: Scalar> Kernel for Update<'_, A> {
 
 /// Products of a vector with two others, over chunks of rows and always in the same order.
 pub(super) fn dots<R: Scalar>(z: &[[R; 4]], with: [&[[R; 4]]; 2], partial: &mut [[f64; 2]]) -> (f64, f64) {
-    partial.par_iter_mut().enumerate().for_each(|(c, partial)| {
+    partial.par_iter_mut().enumerate().each(|(c, partial)| {
         let rows = c * ROWS..((c + 1) * ROWS).min(z.len());
         *partial = rows.fold([0.0; 2], |sum, i| {
             let dot = |a: &[R; 4]| (0..3).map(|k| a[k].to_f64() * z[i][k].to_f64()).sum::<f64>();

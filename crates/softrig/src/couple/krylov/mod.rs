@@ -31,6 +31,7 @@ use super::rows::{BoneRows, Partial, Wide6, wide6};
 use crate::rig::dense::Cholesky;
 use rayon::prelude::*;
 use softrig_linalg::Scalar;
+use softrig_linalg::par::Each;
 use softrig_linalg::solver::{Operator, Preconditioner};
 use vector::Light;
 
@@ -125,7 +126,7 @@ impl Krylov {
         self.wide.clear();
         self.wide.extend(self.twist.iter().map(wide6));
         let (wide, role) = (&self.wide, parts.role);
-        self.x.node.par_chunks_mut(CHUNK).enumerate().for_each(|(c, x)| {
+        self.x.node.par_chunks_mut(CHUNK).enumerate().each(|(c, x)| {
             for (k, x) in x.iter_mut().enumerate().filter(|(k, _)| role[c * CHUNK + k] == Role::Free) {
                 let moved = parts.along.moved(c * CHUNK + k, wide);
                 (0..3).for_each(|k| x[k] += f64::from(moved[k]));
@@ -156,7 +157,7 @@ impl Krylov {
         let n = self.x.joint.len();
         parts.joints.twists(&self.x.joint, &mut self.twist);
         let (x, nodes, twist, role) = (&self.x.node, &*parts.nodes, &self.twist, parts.role);
-        parts.exact.input().par_chunks_mut(CHUNK).enumerate().for_each(|(c, to)| {
+        parts.exact.input().par_chunks_mut(CHUNK).enumerate().each(|(c, to)| {
             for (k, to) in to.iter_mut().enumerate() {
                 let n = c * CHUNK + k;
                 let v = match role[n] {
@@ -173,7 +174,7 @@ impl Krylov {
             s.nodes.iter().for_each(|(n, w)| parts.exact.add(*n as usize, f.map(|f| w * f)));
         }
         let ((x, y), shift) = (parts.exact.both(), parts.shift);
-        self.image.par_chunks_mut(CHUNK).enumerate().for_each(|(c, to)| {
+        self.image.par_chunks_mut(CHUNK).enumerate().each(|(c, to)| {
             for (k, to) in to.iter_mut().enumerate() {
                 let n = c * CHUNK + k;
                 *to = std::array::from_fn(|k| y[n][k] + shift[n] * x[n][k]);
@@ -186,7 +187,7 @@ impl Krylov {
         parts.joints.collect(&self.wrench, &mut self.left.joint);
         self.left.joint.iter_mut().zip(&rhs.joint).for_each(|(l, b)| *l = b - *l);
         let image = &self.image;
-        self.left.node.par_chunks_mut(CHUNK).enumerate().for_each(|(c, to)| {
+        self.left.node.par_chunks_mut(CHUNK).enumerate().each(|(c, to)| {
             for (k, to) in to.iter_mut().enumerate() {
                 let n = c * CHUNK + k;
                 let free = role[n] == Role::Free;
@@ -203,7 +204,7 @@ impl Krylov {
         self.wide.clear();
         self.wide.extend(self.twist.iter().map(wide6));
         let (p, wide, along, role) = (&self.p.node, &self.wide, parts.along, parts.role);
-        parts.light.input().par_chunks_mut(CHUNK).enumerate().for_each(|(c, to)| {
+        parts.light.input().par_chunks_mut(CHUNK).enumerate().each(|(c, to)| {
             for (k, to) in to.iter_mut().enumerate() {
                 let n = c * CHUNK + k;
                 let m = along.moved(n, wide);
@@ -225,7 +226,7 @@ impl Krylov {
             self.q.joint[i] = (0..n).map(|j| parts.joint_matrix[i * n + j] * self.p.joint[j]).sum();
         }
         parts.joints.collect(&self.wrench, &mut self.q.joint);
-        self.q.node.par_chunks_mut(CHUNK).enumerate().for_each(|(c, to)| {
+        self.q.node.par_chunks_mut(CHUNK).enumerate().each(|(c, to)| {
             for (k, to) in to.iter_mut().enumerate() {
                 let n = c * CHUNK + k;
                 *to = if role[n] == Role::Free { y[n] } else { [0.0; 4] };
@@ -248,7 +249,7 @@ impl Krylov {
             iterations += self.pass(parts, (goal, left), length, MOST_ITERATIONS - iterations);
             // d = d' + W q
             let found = std::mem::take(&mut self.d);
-            self.x.node.par_chunks_mut(CHUNK).zip(found.node.par_chunks(CHUNK)).for_each(|(x, d)| {
+            self.x.node.par_chunks_mut(CHUNK).zip(found.node.par_chunks(CHUNK)).each(|(x, d)| {
                 for (x, d) in x.iter_mut().zip(d) {
                     (0..3).for_each(|k| x[k] += f64::from(d[k]));
                 }
@@ -276,7 +277,7 @@ impl Krylov {
         // f32 has the digits but not the range
         let scale = (-from.log2().floor()).exp2();
         let (left, factor) = (&self.left, scale);
-        self.r.node.par_chunks_mut(CHUNK).zip(left.node.par_chunks(CHUNK)).for_each(|(r, l)| {
+        self.r.node.par_chunks_mut(CHUNK).zip(left.node.par_chunks(CHUNK)).each(|(r, l)| {
             for (r, l) in r.iter_mut().zip(l) {
                 *r = [(l[0] * factor) as f32, (l[1] * factor) as f32, (l[2] * factor) as f32, 0.0];
             }
@@ -319,7 +320,7 @@ impl Krylov {
             self.p.direction(beta, &self.z);
         }
         let back = 1.0 / scale;
-        self.d.node.par_iter_mut().for_each(|d| *d = d.map(|v| (f64::from(v) * back) as f32));
+        self.d.node.par_iter_mut().each(|d| *d = d.map(|v| (f64::from(v) * back) as f32));
         self.d.joint.iter_mut().for_each(|d| *d *= back);
         used
     }

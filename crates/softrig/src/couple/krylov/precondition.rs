@@ -4,6 +4,7 @@ use super::super::jacobian::Role;
 use super::super::rows::wide6;
 use super::{CHUNK, Krylov, Parts};
 use rayon::prelude::*;
+use softrig_linalg::par::Each;
 use softrig_linalg::{BlockCsr, Mat3, Scalar};
 
 impl Krylov {
@@ -38,7 +39,7 @@ impl Krylov {
         z.resize(free.len(), [0.0; 4]);
         let (from, wide, between, frame) = (&self.r.node, &self.wide, parts.between, &parts.nodes.frame);
         let owner = &parts.binding.owner;
-        r.par_chunks_mut(CHUNK).zip(free.par_chunks(CHUNK)).for_each(|(r, free)| {
+        r.par_chunks_mut(CHUNK).zip(free.par_chunks(CHUNK)).each(|(r, free)| {
             for (r, n) in r.iter_mut().zip(free) {
                 let n = *n as usize;
                 *r = from[n];

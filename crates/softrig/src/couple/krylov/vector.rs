@@ -3,6 +3,7 @@
 use super::CHUNK;
 use rayon::prelude::*;
 use softrig_linalg::par;
+use softrig_linalg::par::Each;
 
 /// A vector over nodes (zero at all but free ones) and unknowns of the skeleton.
 #[derive(Clone, Debug, Default)]
@@ -53,7 +54,7 @@ impl Light {
     /// self += a other.
     pub fn add(&mut self, a: f64, other: &Self) {
         let factor = a as f32;
-        self.node.par_chunks_mut(CHUNK).zip(other.node.par_chunks(CHUNK)).for_each(|(x, y)| {
+        self.node.par_chunks_mut(CHUNK).zip(other.node.par_chunks(CHUNK)).each(|(x, y)| {
             for (x, y) in x.iter_mut().zip(y) {
                 (0..4).for_each(|k| x[k] += factor * y[k]);
             }
@@ -64,7 +65,7 @@ impl Light {
     /// self = other + b self.
     pub fn direction(&mut self, b: f64, other: &Self) {
         let factor = b as f32;
-        self.node.par_chunks_mut(CHUNK).zip(other.node.par_chunks(CHUNK)).for_each(|(x, y)| {
+        self.node.par_chunks_mut(CHUNK).zip(other.node.par_chunks(CHUNK)).each(|(x, y)| {
             for (x, y) in x.iter_mut().zip(y) {
                 (0..4).for_each(|k| x[k] = y[k] + factor * x[k]);
             }

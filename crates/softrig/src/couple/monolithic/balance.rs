@@ -9,6 +9,7 @@ use crate::rig::Configuration;
 use glam::DVec3;
 use rayon::prelude::*;
 use softrig_linalg::Scalar;
+use softrig_linalg::par::Each;
 
 impl<R: Scalar> Monolithic<R> {
     /// Linearises the flesh, at the start or at what has been found, and computes what is left of the equations. Returns its elastic
@@ -38,7 +39,7 @@ impl<R: Scalar> Monolithic<R> {
     fn set_motion(&mut self, h: f64) {
         let (old, now) = (&self.old, &self.now);
         let all = (self.x.par_chunks_mut(CHUNK), self.d.par_chunks_mut(CHUNK), self.v.par_chunks_mut(CHUNK));
-        all.into_par_iter().enumerate().for_each(|(c, (x, d, v))| {
+        all.into_par_iter().enumerate().each(|(c, (x, d, v))| {
             for k in 0..x.len() {
                 let (a, b) = (old[c * CHUNK + k], now[c * CHUNK + k]);
                 x[k] = b.map(R::from_f64);
@@ -54,7 +55,7 @@ impl<R: Scalar> Monolithic<R> {
         let (old, now, role, force) = (&self.old, &self.now, &self.role, &self.force);
         let (mass, drags) = (&body.mass, &body.drag);
         self.force_sum.resize(now.len(), [0.0; 3]);
-        self.force_sum.par_chunks_mut(CHUNK).enumerate().for_each(|(chunk, out)| {
+        self.force_sum.par_chunks_mut(CHUNK).enumerate().each(|(chunk, out)| {
             for (k, out) in out.iter_mut().enumerate() {
                 let i = chunk * CHUNK + k;
                 *out = [0.0; 3];
@@ -85,7 +86,7 @@ impl<R: Scalar> Monolithic<R> {
         self.nodes.gather(input.binding, &self.role, Role::Bound, &self.force_sum, &mut self.wrench);
         self.joints.collect(&self.wrench, &mut self.rhs.joint);
         let (all, role) = (&self.force_sum, &self.role);
-        self.rhs.node.par_chunks_mut(CHUNK).enumerate().for_each(|(c, to)| {
+        self.rhs.node.par_chunks_mut(CHUNK).enumerate().each(|(c, to)| {
             for (k, to) in to.iter_mut().enumerate().filter(|(k, _)| role[c * CHUNK + k] == Role::Free) {
                 *to = all[c * CHUNK + k];
             }

@@ -9,6 +9,7 @@ use crate::integrate::{StepError, StepOutput};
 use crate::rig::{Configuration, EntryKind};
 use rayon::prelude::*;
 use softrig_linalg::Scalar;
+use softrig_linalg::par::Each;
 
 /// A correction turns no joint further [rad]; then another linearisation follows.
 const LONGEST_TURN: f64 = 0.5;
@@ -56,7 +57,7 @@ impl<R: Scalar> Monolithic<R> {
         self.increment.clear();
         self.increment.extend(found.joint.iter().map(|q| q * scale));
         if self.increment.is_empty() {
-            self.now.par_chunks_mut(CHUNK).zip(found.node.par_chunks(CHUNK)).for_each(|(x, d)| {
+            self.now.par_chunks_mut(CHUNK).zip(found.node.par_chunks(CHUNK)).each(|(x, d)| {
                 for (x, d) in x.iter_mut().zip(d) {
                     (0..3).for_each(|k| x[k] += d[k]);
                 }
@@ -67,7 +68,7 @@ impl<R: Scalar> Monolithic<R> {
         self.twist.resize(self.motions.len(), [0.0; 6]);
         self.joints.twists(&self.increment, &mut self.twist);
         let (nodes, role, share, twist) = (&self.nodes, &self.role, &self.coarse.share, &self.twist);
-        self.now.par_chunks_mut(CHUNK).enumerate().for_each(|(c, x)| {
+        self.now.par_chunks_mut(CHUNK).enumerate().each(|(c, x)| {
             for (k, x) in x.iter_mut().enumerate() {
                 let n = c * CHUNK + k;
                 if role[n] == Role::Free {
@@ -81,7 +82,7 @@ impl<R: Scalar> Monolithic<R> {
         input.articulation.clamp(configuration);
         self.take_pose(body, input, configuration);
         let (placed, share, role) = (&self.nodes.placed, &self.coarse.share, &self.role);
-        self.now.par_chunks_mut(CHUNK).enumerate().for_each(|(c, x)| {
+        self.now.par_chunks_mut(CHUNK).enumerate().each(|(c, x)| {
             for (k, x) in x.iter_mut().enumerate() {
                 let n = c * CHUNK + k;
                 match role[n] {
@@ -127,7 +128,7 @@ impl<R: Scalar> Monolithic<R> {
     fn set_velocities(&mut self, course: &Course<'_, R>) {
         let (state, c, h) = (course.state, course.c, course.input.dt);
         let (old, now, role) = (&self.old, &self.now, &self.role);
-        self.v.par_chunks_mut(CHUNK).zip(self.a.par_chunks_mut(CHUNK)).enumerate().for_each(|(chunk, (to_v, to_a))| {
+        self.v.par_chunks_mut(CHUNK).zip(self.a.par_chunks_mut(CHUNK)).enumerate().each(|(chunk, (to_v, to_a))| {
             for k in 0..to_v.len() {
                 let i = chunk * CHUNK + k;
                 for k3 in 0..3 {
