@@ -1,7 +1,7 @@
 //! Wide instructions, chosen at run time.
 //!
 //! A [`Kernel`] is a loop body written once over [`crate::Wide`] lanes. [`run_wide`] compiles it for every instruction set we
-//! know and runs the widest one this machine has. Lane operations are plain IEEE ones, never fused, so the width changes no bit
+//! know and runs the best one this machine has. Lane operations are plain IEEE ones, never fused, so the width changes no bit
 //! of the result.
 //!
 //! ```
@@ -53,10 +53,10 @@ pub enum Instructions {
 }
 
 impl Instructions {
-    /// All sets, narrowest first.
+    /// All sets, the least first.
     pub const ALL: [Self; 3] = [Self::Portable, Self::Avx2, Self::Avx512];
 
-    /// The widest set of this machine.
+    /// The best set of this machine.
     #[inline]
     #[must_use]
     pub fn best() -> Self {
@@ -100,7 +100,7 @@ impl Instructions {
     }
 }
 
-/// Runs the kernel with the widest instructions of this machine, on lanes of `R`.
+/// Runs the kernel with the best instructions of this machine, on lanes of `R`.
 #[inline]
 pub fn run_wide<R: Scalar, K: Kernel>(kernel: K) -> K::Output {
     run_wide_with::<R, K>(Instructions::best(), kernel)
