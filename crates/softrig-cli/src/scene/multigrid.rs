@@ -23,7 +23,8 @@ pub struct Multigrid {
     /// Products of a Chebyshev smoothing, or sweeps of Gauss-Seidel, before and after the coarse correction. Without it: 3 and 2.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sweeps: Option<usize>,
-    /// Coarse operators are computed anew when a cell has turned by so much [degrees]. Without it: when solves become slower.
+    /// Coarse operators turn with the flesh, and are computed anew when neighbouring parts of it have turned apart by so much [degrees].
+    /// Without it: when solves become slower.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rebuild_angle: Option<f64>,
 }

@@ -121,10 +121,10 @@ pub trait LinearSystem<R: Scalar> {
         None
     }
 
-    /// Writes the rotations of the cells the matrix was made with, one quaternion each in whatever order they always have; leaves
-    /// `out` empty where there are none. From them a solver tells how far a matrix has turned since an earlier one.
-    fn rotations(&mut self, out: &mut Vec<[R; 4]>) {
-        out.clear();
+    /// Writes how the cells around each of these nodes are turned in the matrix: the sum of their rotations, as quaternions (x, y, z, w) up
+    /// to their signs. Returns false, and does nothing, where nothing turns. Solvers turn with it what they have kept of an earlier matrix.
+    fn rotations(&mut self, _node: &[u32], _out: &mut [[f32; 4]]) -> bool {
+        false
     }
 }
 

@@ -10,6 +10,7 @@ use super::hex::{self, HexBlock, HexConstants, HexLoad, HexShape};
 use super::incidence::{Incidence, Strips};
 use super::load::{Internal, Product};
 use super::tet::{self, BLOCK, TASK, TetConstants, TetLoad, Tets, tet_gradients};
+use super::turn;
 use crate::material::MaterialMap;
 use crate::mesh::VolumeMesh;
 use rayon::prelude::*;
@@ -316,6 +317,17 @@ impl<R: Scalar> ForceModel<R> for Corotated<R> {
             }
             *rotation = columns;
         });
+    }
+
+    fn rotations(&mut self, node: &[u32], out: &mut [[f32; 4]]) -> bool {
+        if self.rotations == Rotations::Fixed {
+            return false;
+        }
+        let Self { tets, tet_q, tet_parts, hex_scatter, hex_q, hex_parts, .. } = self;
+        turn::fill_parts(&tets.scatter, tet_q, tet_parts);
+        turn::fill_parts(hex_scatter, hex_q, hex_parts);
+        turn::gather((&tets.scatter, tet_parts), (hex_scatter, hex_parts), node, out);
+        true
     }
 
     fn save(&mut self) {

@@ -9,6 +9,7 @@ pub mod polar;
 mod stress;
 mod stvk;
 mod tet;
+mod turn;
 
 pub(crate) use assembly::LONGEST_ROW;
 pub use assembly::{Diagonal, Increment};
@@ -93,6 +94,12 @@ pub trait ForceModel<R: Scalar>: Send + Sync {
     /// Writes what [`Self::stiffness`] writes as rotations and Lamé constants of cubes; the diagonal is left alone. Does
     /// nothing without a [`Self::cube_pattern`].
     fn cubes(&self, _rate: R, _damping: R, _matrix: &mut CubeMatrix<R>) {}
+
+    /// Writes the sum of the rotations of the cells at each of these nodes at the last linearisation point, as quaternions (x, y, z, w) up
+    /// to their signs. Returns false, and does nothing, for models whose cells do not turn.
+    fn rotations(&mut self, _node: &[u32], _out: &mut [[f32; 4]]) -> bool {
+        false
+    }
 
     /// Remembers the history for [`Self::roll_back`], without allocating. May round it to f32, the one that goes on as well as the one
     /// that is remembered, so that both lead to the same bits; so the next [`Self::linearise`] comes before forces and stiffness.

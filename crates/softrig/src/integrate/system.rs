@@ -104,8 +104,8 @@ impl<R: Scalar> LinearSystem<R> for StepSystem<'_, R> {
         self.guess
     }
 
-    fn rotations(&mut self, out: &mut Vec<[R; 4]>) {
-        self.body.model.write_history(out);
+    fn rotations(&mut self, node: &[u32], out: &mut [[f32; 4]]) -> bool {
+        self.body.model.rotations(node, out)
     }
 }
 

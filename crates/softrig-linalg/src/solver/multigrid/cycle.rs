@@ -2,11 +2,13 @@
 
 use super::SINGLE;
 use super::coarsest::Coarsest;
+use super::frames::Frames;
 use super::galerkin::{Galerkin, coarse_pattern, interpolate_add};
 use super::interpolation::Interpolation;
 use super::level::{Level, order_for};
 use super::settings::{Marking, MultigridSettings, Smoother};
 use crate::par::Each;
+use crate::solver::LinearSystem;
 use crate::solver::free::{Blocks, FreePattern};
 use crate::solver::quads::Quads;
 use crate::solver::sliced::{Fault, Sliced};
@@ -27,6 +29,8 @@ pub(crate) struct Cycle {
     /// Between level `l` and `l + 1`.
     galerkin: Vec<Galerkin>,
     coarsest: Coarsest,
+    /// Of the second level, in which it and those below it have their operators.
+    frames: Frames,
 }
 
 impl std::fmt::Debug for Cycle {
@@ -74,7 +78,7 @@ impl Cycle {
         if galerkin.is_empty() {
             return None;
         }
-        Some(Self { levels, galerkin, coarsest: Coarsest::new(fine) })
+        Some(Self { levels, galerkin, coarsest: Coarsest::new(fine), frames: Frames::default() })
     }
 
     /// Takes the rows of the system, whose pattern is `free`: products use these from now on.
@@ -104,6 +108,23 @@ impl Cycle {
         }
     }
 
+    /// Lets coarse operators turn with the cells of this system.
+    pub fn follow<R: Scalar>(&mut self, system: &mut dyn LinearSystem<R>) {
+        let (fine, restriction) = (&mut self.levels[0], self.galerkin[0].restriction());
+        let (node, rotation) = fine.scratch();
+        if system.rotations(node, rotation) {
+            self.frames.follow(restriction, rotation);
+        } else {
+            self.frames.clear();
+        }
+    }
+
+    /// How far parts of the body have turned against their surroundings since the coarse operators were made [rad]; NaN where nobody
+    /// knows.
+    pub fn shear(&self) -> f64 {
+        self.frames.shear(self.galerkin[0].interpolation())
+    }
+
     /// Rows of the finest level without a single entry.
     pub fn identity(&self) -> &[bool] {
         self.levels[0].identity()
@@ -112,6 +133,7 @@ impl Cycle {
     /// Drops what it knows of earlier matrices.
     pub fn forget(&mut self) {
         self.levels.iter_mut().for_each(Level::forget);
+        self.frames.clear();
     }
 
     /// Products with the finest matrix that a cycle and the iteration around it are worth, in f64.
@@ -146,6 +168,7 @@ impl Cycle {
         for level in &mut self.levels {
             level.estimate_spectrum();
         }
+        self.frames.settle();
         self.coarsest.expire();
     }
 
@@ -175,7 +198,7 @@ impl Cycle {
             self.coarsest.solve(&mut self.levels[l]);
             return;
         }
-        let Self { levels, galerkin, coarsest } = self;
+        let Self { levels, galerkin, coarsest, .. } = self;
         if coarsest.is_due() {
             // on one thread, while the other ones smooth
             let last = &galerkin[galerkin.len() - 1];
@@ -186,8 +209,14 @@ impl Cycle {
         let (fine, coarse) = self.levels.split_at_mut(l + 1);
         coarse[0].b.get_mut().fill([0.0; 4]);
         interpolate_add(self.galerkin[l].restriction(), fine[l].r.get(), coarse[0].b.get_mut());
+        if l == 0 {
+            self.frames.enter(coarse[0].b.get_mut());
+        }
         self.descend(l + 1);
         let (fine, coarse) = self.levels.split_at_mut(l + 1);
+        if l == 0 {
+            self.frames.leave(coarse[0].x.get_mut());
+        }
         interpolate_add(self.galerkin[l].interpolation(), coarse[0].x.get(), fine[l].x.get_mut());
         fine[l].smooth();
     }

@@ -145,6 +145,10 @@ pub(super) struct Weights {
 }
 
 impl Weights {
+    pub fn row_count(&self) -> usize {
+        self.start.len().saturating_sub(1)
+    }
+
     #[inline(always)]
     pub fn row(&self, i: usize) -> std::ops::Range<usize> {
         self.start[i] as usize..self.start[i + 1] as usize

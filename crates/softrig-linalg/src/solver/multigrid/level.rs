@@ -100,6 +100,11 @@ impl Level {
         self.matrix.load(free, rows, &mut self.inverse, &mut self.identity)
     }
 
+    /// The nodes of the rows, and room for four numbers at each, in which nothing lasts.
+    pub fn scratch(&mut self) -> (&[u32], &mut [[f32; 4]]) {
+        (&self.pattern.node, self.d.get_mut())
+    }
+
     /// The blocks, as they were loaded last.
     pub fn matrix(&self) -> &Sliced<f32> {
         &self.matrix

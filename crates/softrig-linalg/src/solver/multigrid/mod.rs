@@ -11,6 +11,7 @@ mod age;
 mod coarsest;
 mod colour;
 mod cycle;
+mod frames;
 mod galerkin;
 mod interpolation;
 mod level;
@@ -27,7 +28,7 @@ pub(super) use cycle::Cycle;
 use super::free::FreePattern;
 use super::pcg::{Asked, ITERATION_LIMIT, Iteration};
 use super::{BELOW_SINGLE, LinearSolver, LinearSystem, Preconditioner, SolveError, SolveReport, Stored, Traffic};
-use crate::{BlockCsr, BlockPattern, DofConstraints, Scalar, either, par};
+use crate::{BlockCsr, BlockPattern, DofConstraints, Scalar, either};
 use age::Age;
 use level::order_for;
 use std::sync::Arc;
@@ -52,9 +53,6 @@ pub struct Multigrid<R> {
     cycle: Option<Cycle>,
     age: Age,
     memory: Vec<[R; 3]>,
-    /// Rotations of the cells at the last rebuild, and now.
-    built: Vec<[R; 4]>,
-    turned: Vec<[R; 4]>,
 }
 
 /// [`Multigrid`] behind its trait.
@@ -89,8 +87,6 @@ impl<R: Scalar> Multigrid<R> {
             cycle: None,
             age: Age::default(),
             memory: Vec::new(),
-            built: Vec::new(),
-            turned: Vec::new(),
         }
     }
 
@@ -167,22 +163,18 @@ impl<R: Scalar> Multigrid<R> {
         Ok(cubes)
     }
 
-    /// Are the coarse operators too old for this system?
+    /// Turns the coarse operators with the cells of this system. Are they too old for it all the same?
     fn is_stale(&mut self, system: &mut dyn LinearSystem<R>) -> bool {
-        match self.settings.rebuild {
-            Rebuild::WhenSlower => false,
-            Rebuild::EverySolve => true,
-            Rebuild::WhenTurned(angle) => {
-                system.rotations(&mut self.turned);
-                let least = (0.5 * angle.clamp(0.0, std::f64::consts::PI)).cos();
-                let (now, then) = (&self.turned, &self.built);
-                let turned = |i: usize| {
-                    let cosine = (0..4).map(|k| now[i][k].to_f64() * then[i][k].to_f64()).sum::<f64>().abs();
-                    cosine.is_nan() || cosine < least
-                };
-                now.is_empty() || now.len() != then.len() || par::first(now.len(), turned).is_some()
-            }
+        let Some(cycle) = &mut self.cycle else { return true };
+        if self.settings.rebuild == Rebuild::EverySolve {
+            return true;
         }
+        cycle.follow(system);
+        let within = match self.settings.rebuild {
+            Rebuild::WhenTurned(angle) => cycle.shear() <= angle,
+            _ => true,
+        };
+        self.age.is_over() || !within
     }
 }
 
@@ -237,12 +229,11 @@ impl<R: Scalar> LinearSolver<R> for Multigrid<R> {
             return self.solve_exactly(system, rhs, solution, tolerance);
         }
         self.pcg.check(system, rhs, solution)?;
-        let rebuild = self.is_stale(system) || self.age.is_over();
+        let rebuild = self.is_stale(system);
         let cubes = self.load_cycle(system, rebuild)?;
         let Some(cycle) = &mut self.cycle else { return Err(SolveError::NotPrepared) };
         self.pcg.set_identity(cycle.identity());
         if rebuild {
-            std::mem::swap(&mut self.built, &mut self.turned);
             self.age = Age::default();
         }
         let asked = &mut Asked { system, memory: &mut self.memory };
@@ -281,7 +272,6 @@ impl<R: Scalar> LinearSolver<R> for Multigrid<R> {
     fn forget(&mut self) {
         self.compact();
         self.age = Age::default();
-        self.built.clear();
         if let Some(cycle) = &mut self.cycle {
             cycle.forget();
         }

@@ -7,13 +7,12 @@ use crate::solver::{LinearSystem, Preconditioner, SolveError};
 
 impl<R: Scalar> Preconditioner<R> for Multigrid<R> {
     fn load(&mut self, system: &mut dyn LinearSystem<R>) -> Result<(), SolveError> {
-        let rebuild = self.is_stale(system) || self.age.is_over();
         if self.pcg.prepared().ok_or(SolveError::NotPrepared)? != system.rows().pattern() {
             return Err(SolveError::NotPrepared);
         }
+        let rebuild = self.is_stale(system);
         self.load_cycle(system, rebuild)?;
         if rebuild {
-            std::mem::swap(&mut self.built, &mut self.turned);
             self.age = Age::unknown();
         }
         Ok(())

@@ -91,8 +91,9 @@ pub enum Marking {
 pub enum Rebuild {
     /// When a solve lost more iterations to the age of the operators than a rebuild and all that was lost before cost on the mean.
     WhenSlower,
-    /// When a cell has turned by more than this since the last rebuild [rad]; every time for systems without rotations. Ten
-    /// degrees keep cycles without conjugate gradients convergent (numerics 5.7).
+    /// When parts of the body have turned against their surroundings by more than this since the last rebuild [rad]: the frames of coarse
+    /// nodes, which turn with the cells around them, against the mean of those that a fine node interpolates from. Every time
+    /// for systems without rotations. Ten degrees keep cycles without conjugate gradients convergent.
     WhenTurned(f64),
     /// For every solve.
     EverySolve,
