@@ -60,14 +60,21 @@ pub fn manikin(cells: usize) -> Result<PaperBody, Failure> {
     Ok(independent("manikin", &tetrahedralize(&lattice), 5))
 }
 
-/// The dragon, where its file is; the built-in character with as many cells elsewhere.
+/// The dragon, as long as the bar (its file is ten of some unit long), where its file is; the built-in character with as many cells
+/// elsewhere.
 pub fn dragon(job: &Job) -> Result<PaperBody, Failure> {
     let path = job.shared.join("data/volumes/stanford/dragon_67k.node");
     if job.quick || !path.exists() {
         let body = manikin(if job.quick { 6_000 } else { 67_309 })?;
         return Ok(PaperBody { name: "manikin instead of the dragon", ..body });
     }
-    Ok(independent("dragon", &load::volume(&path)?, 6))
+    let mut mesh = load::volume(&path)?;
+    let (low, high) = mesh.bounds().unwrap_or_default();
+    let scale = BAR[0] as f64 * BAR_CELL / (high[0] - low[0]);
+    for x in &mut mesh.nodes {
+        *x = x.map(|v| scale * v);
+    }
+    Ok(independent("dragon", &mesh, 6))
 }
 
 fn independent(name: &'static str, mesh: &VolumeMesh, bones: usize) -> PaperBody {
