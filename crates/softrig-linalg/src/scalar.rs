@@ -2,6 +2,8 @@
 
 use crate::lane::Lane;
 use crate::solver::sliced::{self, SLICE, Step};
+#[cfg(all(target_arch = "x86_64", not(miri)))]
+use crate::wide::Instructions;
 use std::any::{Any, TypeId};
 
 mod sealed {
@@ -51,7 +53,7 @@ macro_rules! scalar {
             #[cfg(all(target_arch = "x86_64", not(miri)))]
             #[inline(always)]
             unsafe fn slice_times(values: &[Step<$t>], column: &[[u32; SLICE]], x: &[[$t; 4]]) -> [[$t; SLICE]; 3] {
-                if is_x86_feature_detected!("avx2") {
+                if Instructions::best() >= Instructions::Avx2 {
                     // SAFETY: the machine has the instructions; columns are promised by the caller.
                     unsafe { sliced::$slice_times(values, column, x) }
                 } else {

@@ -30,6 +30,7 @@
 //! *inside* the parallel loop, because a closure handed to another thread is compiled on its own, without wide instructions.
 
 use crate::scalar::Scalar;
+use std::sync::atomic::{AtomicU8, Ordering};
 
 /// Code compiled once per instruction set, with the matching number of lanes.
 pub trait Kernel {
@@ -39,8 +40,11 @@ pub trait Kernel {
     fn run<const W: usize>(self) -> Self::Output;
 }
 
+/// The best set that kernels of this process may use.
+static LIMIT: AtomicU8 = AtomicU8::new(Instructions::Avx512 as u8);
+
 /// A set of vector instructions.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[non_exhaustive]
 pub enum Instructions {
     /// What every machine of this architecture has: 16 bytes (SSE2, NEON).
@@ -56,17 +60,29 @@ impl Instructions {
     /// All sets, the least first.
     pub const ALL: [Self; 3] = [Self::Portable, Self::Avx2, Self::Avx512];
 
-    /// The best set of this machine.
+    /// The best set of this machine that may be used.
     #[inline]
     #[must_use]
     pub fn best() -> Self {
-        if Self::Avx512.is_available() {
+        let limit = LIMIT.load(Ordering::Relaxed);
+        if limit >= Self::Avx512 as u8 && Self::Avx512.is_available() {
             Self::Avx512
-        } else if Self::Avx2.is_available() {
+        } else if limit >= Self::Avx2 as u8 && Self::Avx2.is_available() {
             Self::Avx2
         } else {
             Self::Portable
         }
+    }
+
+    /// From now on kernels of this process use no better set than this one: to measure it, or to see that results have the same
+    /// bits. False, and nothing is changed, on a machine that does not have it.
+    #[must_use]
+    pub fn use_at_most(self) -> bool {
+        let available = self.is_available();
+        if available {
+            LIMIT.store(self as u8, Ordering::Relaxed);
+        }
+        available
     }
 
     /// Does this machine have the set?

@@ -5,8 +5,8 @@ mod values;
 
 pub use bake::{BakeArgs, BodyArgs, ImportArgs};
 pub use values::{
-    ColorName, DynamicsName, FrameRange, KindName, MethodName, PaperName, PictureSize, Precision, SolverName, StepName,
-    Stress, TooLongName, UpAxis, preset_named,
+    ColorName, DynamicsName, FrameRange, InstructionsName, KindName, MethodName, PaperName, PictureSize, Precision,
+    SolverName, StepName, Stress, TooLongName, UpAxis, preset_named,
 };
 
 use clap::{Args, Parser, Subcommand};
@@ -204,6 +204,9 @@ pub struct BenchArgs {
     /// Linear solver [default: multigrid]
     #[arg(long, value_name = "NAME")]
     pub solver: Option<SolverName>,
+    /// Vector instructions [default: the best of this machine]. Results do not depend on them
+    #[arg(long, value_name = "NAME")]
+    pub instructions: Option<InstructionsName>,
     /// Instead of a falling body, solve for the balance of a twisted and bent one to a residual of 1e-6, setup included
     #[arg(long = "static")]
     pub statics: bool,

@@ -5,6 +5,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use softrig::material::MaterialPreset;
 use softrig::simulation::SolverKind;
+use softrig_linalg::Instructions;
 use softrig_render::View;
 use std::fmt;
 use std::str::FromStr;
@@ -150,6 +151,27 @@ impl From<SolverName> for SolverKind {
             SolverName::Pcg => Self::Pcg,
             SolverName::Direct => Self::Direct,
             SolverName::Auto => Self::Auto,
+        }
+    }
+}
+
+/// Vector instructions.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum InstructionsName {
+    /// What every machine of this architecture has.
+    Portable,
+    /// x86-64 with AVX2.
+    Avx2,
+    /// x86-64 with AVX-512 (F, BW, DQ, VL).
+    Avx512,
+}
+
+impl From<InstructionsName> for Instructions {
+    fn from(name: InstructionsName) -> Self {
+        match name {
+            InstructionsName::Portable => Self::Portable,
+            InstructionsName::Avx2 => Self::Avx2,
+            InstructionsName::Avx512 => Self::Avx512,
         }
     }
 }

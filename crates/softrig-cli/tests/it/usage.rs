@@ -34,6 +34,31 @@ fn nonsense_is_a_usage_error() {
     }
 }
 
+/// Tetrahedra and hexahedra, falling and walking, have the same bits whatever the instructions; those that a machine lacks are refused.
+#[test]
+fn every_instruction_set_gives_the_same_bits() {
+    let dir = folder();
+    let measured = |instructions: &str| {
+        let args = ["bench", "bar_s", "character_500", "--json", "--threads", "1", "--instructions", instructions];
+        let (code, out, err) = said(&softrig(dir.path(), &args));
+        if code == Some(2) {
+            assert!(err.contains(&format!("this machine has no {instructions}; it has portable")), "{err}");
+            eprintln!("skipped: {instructions}, which this machine does not have");
+            return None;
+        }
+        assert_eq!((code, err.as_str()), (Some(0), ""), "{instructions}");
+        let all = out.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap());
+        let hashes: Vec<_> = all.inspect(|m| assert_eq!(m["instructions"], instructions)).collect();
+        assert_eq!(hashes.len(), 2);
+        Some(hashes.into_iter().map(|m| m["state_hash"].clone()).collect::<Vec<_>>())
+    };
+    let plain = measured("portable").expect("every machine has these");
+    assert!(plain.iter().all(serde_json::Value::is_string));
+    for wide in ["avx2", "avx512"].into_iter().filter_map(measured) {
+        assert_eq!(wide, plain);
+    }
+}
+
 /// A number that cannot be is said to be one, not taken for an option.
 #[test]
 fn a_negative_number_is_a_wrong_value() {

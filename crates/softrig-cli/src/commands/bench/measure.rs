@@ -158,7 +158,7 @@ impl Record {
             threads: rayon::current_num_threads(),
             solver,
             precision: f64::NAME,
-            instructions: format!("{:?}", softrig_linalg::Instructions::best()).to_lowercase(),
+            instructions: super::instructions_name(softrig_linalg::Instructions::best()),
             steps: self.iterations.len(),
             step_ms_median: step.median,
             step_ms_min: step.min,

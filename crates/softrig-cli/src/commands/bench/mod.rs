@@ -14,17 +14,26 @@ use crate::load::shared_folder;
 use crate::ui;
 pub use measure::Time;
 use measure::{Measurement, measure};
+use softrig_linalg::Instructions;
 pub use stages::{Clocks, TimedModel, TimedSolver};
 
 /// Measures the named bodies (the two standard ones without names) and prints some lines or a JSON object for each.
 ///
 /// # Errors
-/// [`Failure::Usage`] for a name that is no body, [`Failure::Input`] for missing or damaged files, [`Failure::Simulation`]
+/// [`Failure::Usage`] for a name that is no body and instructions that this machine does not have, [`Failure::Input`] for missing or damaged files, [`Failure::Simulation`]
 /// when a step fails.
 pub fn run(args: &BenchArgs) -> Outcome {
     let default = body::DEFAULT.map(String::from);
     let names = if args.names.is_empty() { &default[..] } else { &args.names };
     let solver = args.solver.unwrap_or_default().into();
+    if let Some(name) = args.instructions
+        && !Instructions::from(name).use_at_most()
+    {
+        let has: Vec<_> =
+            Instructions::ALL.into_iter().filter(|set| set.is_available()).map(instructions_name).collect();
+        let asked = instructions_name(name.into());
+        return Err(Failure::Usage(format!("this machine has no {asked}; it has {}", has.join(", "))));
+    }
     for name in names {
         if args.statics {
             let measured = statics::measure(body::load(name, &shared_folder(args.shared.as_deref()))?, solver)?;
@@ -43,6 +52,11 @@ pub fn run(args: &BenchArgs) -> Outcome {
         ui::result(if args.json { json(&measurement)? } else { sentence(&measurement) });
     }
     Ok(())
+}
+
+/// Name in reports.
+fn instructions_name(set: Instructions) -> String {
+    format!("{set:?}").to_lowercase()
 }
 
 fn json(measurement: &impl serde::Serialize) -> Result<String, Failure> {
