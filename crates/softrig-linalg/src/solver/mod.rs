@@ -121,8 +121,8 @@ pub trait LinearSystem<R: Scalar> {
         None
     }
 
-    /// Writes how the cells around each of these nodes are turned in the matrix: the sum of their rotations, as quaternions (x, y, z, w) up
-    /// to their signs. Returns false, and does nothing, where nothing turns. Solvers turn with it what they have kept of an earlier matrix.
+    /// Writes how the cells at each of these nodes are turned in the matrix, as a quaternion (x, y, z, w) up to its sign and length. Returns
+    /// false, and does nothing, where nothing turns. Solvers turn with it what they have kept of an earlier matrix.
     fn rotations(&mut self, _node: &[u32], _out: &mut [[f32; 4]]) -> bool {
         false
     }

@@ -10,9 +10,9 @@ use super::hex::{self, HexBlock, HexConstants, HexLoad, HexShape};
 use super::incidence::{Incidence, Strips};
 use super::load::{Internal, Product};
 use super::tet::{self, BLOCK, TASK, TetConstants, TetLoad, Tets, tet_gradients};
-use super::turn;
 use crate::material::MaterialMap;
 use crate::mesh::VolumeMesh;
+use crate::mesh::shape::hex_volume;
 use rayon::prelude::*;
 use softrig_linalg::par::Each;
 use softrig_linalg::{BlockCsr, BlockPattern, CELLS, CubeMatrix, CubePattern, Scalar, Scatter, either, par, run_wide};
@@ -53,7 +53,12 @@ pub struct Corotated<R> {
     cubes: Option<Arc<CubePattern>>,
     /// Rotations to go back to. In f32, because they only say where the next ones are looked for.
     saved: Vec<[[f32; BLOCK]; 4]>,
+    /// The largest cell at each node, tetrahedra first.
+    largest: Vec<u32>,
 }
+
+/// The largest cell of a node without any.
+const NO_CELL: usize = u32::MAX as usize;
 
 /// The cells as equal cubes along the axes, if that is what all of them are.
 fn cube_pattern<R>(mesh: &VolumeMesh, shapes: &[HexShape<R>]) -> Option<Arc<CubePattern>> {
@@ -105,6 +110,9 @@ impl<R: Scalar> Corotated<R> {
         if tet_order.is_sorted() {
             tet_order = Vec::new();
         }
+        let sized = tet_nodes.iter().zip(&tets).map(|(cell, tet)| (&cell[..], tet.volume));
+        let sized_hexes = mesh.hexes.iter().map(|cell| (&cell[..], hex_volume(&cell.map(|n| at(n).into()))));
+        let largest = largest(nodes, sized.chain(sized_hexes));
         let mut model = Self {
             rotations,
             damped: tets.iter().any(|t| t.damping != 0.0) || hexes.iter().any(|h| h.damping != 0.0),
@@ -123,6 +131,7 @@ impl<R: Scalar> Corotated<R> {
             tet_order,
             pattern,
             saved: Vec::new(),
+            largest,
         };
         // the stiffness is that of the rest shape until the first linearisation
         let rest: Vec<[R; 3]> = mesh.nodes.iter().map(|p| p.map(R::from_f64)).collect();
@@ -197,6 +206,27 @@ impl<R: Scalar> Corotated<R> {
 /// Cell of the mesh behind a tetrahedron of ours, by [`Corotated::tet_order`].
 fn cell_of(tet_order: &[u32], tet: usize) -> usize {
     tet_order.get(tet).map_or(tet, |cell| *cell as usize)
+}
+
+/// The rotation of a cell.
+#[inline(always)]
+fn lane<R: Scalar>(blocks: &[[[R; BLOCK]; 4]], cell: usize) -> [R; 4] {
+    blocks[cell / BLOCK].map(|c| c[cell % BLOCK])
+}
+
+/// For each node its largest cell, the first of equals; cells in the given order.
+fn largest<'a>(node_count: usize, cells: impl Iterator<Item = (&'a [u32], f64)>) -> Vec<u32> {
+    let mut largest = vec![(NO_CELL as u32, 0.0); node_count];
+    for (i, (cell, volume)) in cells.enumerate() {
+        for n in cell {
+            let known = &mut largest[*n as usize];
+            // volumes that differ by rounding are equal: which cell it is must not depend on the place of a body
+            if volume > 1.0001 * known.1 {
+                *known = (i as u32, volume);
+            }
+        }
+    }
+    largest.into_iter().map(|(cell, _)| cell).collect()
 }
 
 /// lam / mu, where it is the same for all tetrahedra.
@@ -319,14 +349,19 @@ impl<R: Scalar> ForceModel<R> for Corotated<R> {
         });
     }
 
-    fn rotations(&mut self, node: &[u32], out: &mut [[f32; 4]]) -> bool {
+    fn rotations(&self, node: &[u32], out: &mut [[f32; 4]]) -> bool {
         if self.rotations == Rotations::Fixed {
             return false;
         }
-        let Self { tets, tet_q, tet_parts, hex_scatter, hex_q, hex_parts, .. } = self;
-        turn::fill_parts(&tets.scatter, tet_q, tet_parts);
-        turn::fill_parts(hex_scatter, hex_q, hex_parts);
-        turn::gather((&tets.scatter, tet_parts), (hex_scatter, hex_parts), node, out);
+        let tets = self.tets.scatter.cell_count();
+        out.par_iter_mut().zip(node).with_min_len(CELLS).each(|(out, node)| {
+            *out = match self.largest[*node as usize] as usize {
+                cell if cell < tets => lane(&self.tet_q, cell),
+                NO_CELL => [R::zero(); 4],
+                cell => lane(&self.hex_q, cell - tets),
+            }
+            .map(|v| v.to_f64() as f32);
+        });
         true
     }
 
@@ -356,7 +391,6 @@ impl<R: Scalar> ForceModel<R> for Corotated<R> {
     }
 
     fn write_history(&self, out: &mut Vec<[R; 4]>) {
-        let lane = |blocks: &[[[R; BLOCK]; 4]], i: usize| blocks[i / BLOCK].map(|c| c[i % BLOCK]);
         out.clear();
         out.resize(self.tets.scatter.cell_count(), [R::zero(); 4]);
         if self.tet_order.is_empty() {

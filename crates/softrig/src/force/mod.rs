@@ -9,7 +9,6 @@ pub mod polar;
 mod stress;
 mod stvk;
 mod tet;
-mod turn;
 
 pub(crate) use assembly::LONGEST_ROW;
 pub use assembly::{Diagonal, Increment};
@@ -95,9 +94,9 @@ pub trait ForceModel<R: Scalar>: Send + Sync {
     /// nothing without a [`Self::cube_pattern`].
     fn cubes(&self, _rate: R, _damping: R, _matrix: &mut CubeMatrix<R>) {}
 
-    /// Writes the sum of the rotations of the cells at each of these nodes at the last linearisation point, as quaternions (x, y, z, w) up
-    /// to their signs. Returns false, and does nothing, for models whose cells do not turn.
-    fn rotations(&mut self, _node: &[u32], _out: &mut [[f32; 4]]) -> bool {
+    /// Writes the rotation of the largest cell at each of these nodes at the last linearisation point, as a quaternion (x, y, z, w); zeros
+    /// where there is none. Returns false, and does nothing, for models whose cells do not turn.
+    fn rotations(&self, _node: &[u32], _out: &mut [[f32; 4]]) -> bool {
         false
     }
 

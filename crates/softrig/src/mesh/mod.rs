@@ -16,7 +16,7 @@ mod order;
 mod orient;
 mod samples;
 mod sets;
-mod shape;
+pub(crate) mod shape;
 mod surface;
 mod tetrahedralize;
 mod volume;

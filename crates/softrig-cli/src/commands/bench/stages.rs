@@ -124,7 +124,7 @@ impl<R: Scalar> ForceModel<R> for TimedModel<R> {
         timed(&self.clocks.assembly, || self.inner.cubes(rate, damping, matrix));
     }
 
-    fn rotations(&mut self, node: &[u32], out: &mut [[f32; 4]]) -> bool {
+    fn rotations(&self, node: &[u32], out: &mut [[f32; 4]]) -> bool {
         self.inner.rotations(node, out)
     }
 

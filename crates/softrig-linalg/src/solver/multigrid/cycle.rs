@@ -2,8 +2,8 @@
 
 use super::SINGLE;
 use super::coarsest::Coarsest;
-use super::frames::Frames;
-use super::galerkin::{Galerkin, coarse_pattern, interpolate_add};
+use super::frames::{Frames, leave};
+use super::galerkin::{Galerkin, ROWS, coarse_pattern, interpolate_add, restrict};
 use super::interpolation::Interpolation;
 use super::level::{Level, order_for};
 use super::settings::{Marking, MultigridSettings, Smoother};
@@ -207,16 +207,13 @@ impl Cycle {
             levels[l].smooth_from_zero();
         }
         let (fine, coarse) = self.levels.split_at_mut(l + 1);
-        coarse[0].b.get_mut().fill([0.0; 4]);
-        interpolate_add(self.galerkin[l].restriction(), fine[l].r.get(), coarse[0].b.get_mut());
-        if l == 0 {
-            self.frames.enter(coarse[0].b.get_mut());
-        }
+        // levels below the first are in frames of their own
+        let turns = if l == 0 { self.frames.turns() } else { &[] };
+        restrict(self.galerkin[l].restriction(), turns, fine[l].r.get(), coarse[0].b.get_mut());
         self.descend(l + 1);
         let (fine, coarse) = self.levels.split_at_mut(l + 1);
-        if l == 0 {
-            self.frames.leave(coarse[0].x.get_mut());
-        }
+        let turns = if l == 0 { self.frames.turns() } else { &[] };
+        coarse[0].x.get_mut().par_iter_mut().zip(turns).with_min_len(ROWS).each(|(x, turn)| *x = leave(turn, *x));
         interpolate_add(self.galerkin[l].interpolation(), coarse[0].x.get(), fine[l].x.get_mut());
         fine[l].smooth();
     }

@@ -15,12 +15,17 @@ const NODES: usize = 512;
 /// A rotation as a quaternion (x, y, z, w), up to its sign.
 type Quaternion = [f32; 4];
 
+/// A rotation as the columns of a matrix.
+pub(super) type Turn = [[f32; 4]; 3];
+
 /// Frames of the nodes of a level.
 #[derive(Debug, Default)]
 pub(super) struct Frames {
     /// When the operators were made; empty before, and where nothing turns.
     made: Vec<Quaternion>,
     now: Vec<Quaternion>,
+    /// From then to now; empty where nothing has turned.
+    turns: Vec<Turn>,
 }
 
 impl Frames {
@@ -32,17 +37,31 @@ impl Frames {
             let length = dot(sum, sum).sqrt();
             *now = if length > 0.0 { sum.map(|v| v / length) } else { [0.0, 0.0, 0.0, 1.0] };
         });
+        let mut turns = std::mem::take(&mut self.turns);
+        turns.clear();
+        if self.made.len() == self.now.len() && self.made != self.now {
+            turns.resize(self.now.len(), [[0.0; 4]; 3]);
+            turns.par_iter_mut().enumerate().with_min_len(NODES).each(|(c, turn)| *turn = columns(self.turn(c)));
+        }
+        self.turns = turns;
     }
 
     /// Nothing turns.
     pub fn clear(&mut self) {
         self.made.clear();
         self.now.clear();
+        self.turns.clear();
     }
 
     /// Operators are made now.
     pub fn settle(&mut self) {
         self.made.clone_from(&self.now);
+        self.turns.clear();
+    }
+
+    /// From when the operators were made to now; empty where nothing has turned.
+    pub fn turns(&self) -> &[Turn] {
+        &self.turns
     }
 
     /// How far frames have turned against each other since the operators were made: the largest angle, over the nodes of the finer level,
@@ -57,23 +76,6 @@ impl Frames {
             let cosine = f64::from(dot(sum, sum).sqrt() / weight);
             if weight > 0.0 { 2.0 * cosine.min(1.0).acos() } else { 0.0 }
         })
-    }
-
-    /// Turns vectors at the nodes back to where these were when the operators were made.
-    pub fn enter(&self, vectors: &mut [[f32; 4]]) {
-        self.each(vectors, |[x, y, z, w]| [-x, -y, -z, w]);
-    }
-
-    /// Turns them to where they are now.
-    pub fn leave(&self, vectors: &mut [[f32; 4]]) {
-        self.each(vectors, |turn| turn);
-    }
-
-    fn each(&self, vectors: &mut [[f32; 4]], direction: impl Fn(Quaternion) -> Quaternion + Sync) {
-        if self.made.len() == vectors.len() && self.made != self.now {
-            let all = vectors.par_iter_mut().enumerate().with_min_len(NODES);
-            all.each(|(c, v)| *v = turned(direction(self.turn(c)), *v));
-        }
     }
 
     /// Rotation of a node since the operators were made.
@@ -103,12 +105,26 @@ fn dot(a: Quaternion, b: Quaternion) -> f32 {
     (a[0] * b[0] + a[1] * b[1]) + (a[2] * b[2] + a[3] * b[3])
 }
 
-/// The vector, turned by a unit quaternion: v + 2 u × (u × v + w v).
-fn turned([x, y, z, w]: Quaternion, v: [f32; 4]) -> [f32; 4] {
-    let cross = |b: [f32; 3]| [y * b[2] - z * b[1], z * b[0] - x * b[2], x * b[1] - y * b[0]];
-    let inner = cross([v[0], v[1], v[2]]);
-    let outer = cross([inner[0] + w * v[0], inner[1] + w * v[1], inner[2] + w * v[2]]);
-    [v[0] + 2.0 * outer[0], v[1] + 2.0 * outer[1], v[2] + 2.0 * outer[2], 0.0]
+/// Columns of the rotation of a unit quaternion.
+fn columns([x, y, z, w]: Quaternion) -> Turn {
+    [
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y), 0.0],
+        [2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x), 0.0],
+        [2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y), 0.0],
+    ]
+}
+
+/// The vector, turned from where operators were made to where they are used.
+#[inline(always)]
+pub(super) fn leave(turn: &Turn, v: [f32; 4]) -> [f32; 4] {
+    std::array::from_fn(|k| (turn[0][k] * v[0] + turn[1][k] * v[1]) + turn[2][k] * v[2])
+}
+
+/// Turned the other way.
+#[inline(always)]
+pub(super) fn enter(turn: &Turn, v: [f32; 4]) -> [f32; 4] {
+    let dot = |c: [f32; 4]| (c[0] * v[0] + c[1] * v[1]) + c[2] * v[2];
+    [dot(turn[0]), dot(turn[1]), dot(turn[2]), 0.0]
 }
 
 #[cfg(test)]
@@ -133,24 +149,22 @@ mod tests {
         let p = line();
         let restriction = Weights::from(&p.transposed());
         let mut frames = Frames::default();
-        let mut vectors = vec![[1.0, 2.0, 3.0, 0.0]; 3];
-        frames.enter(&mut vectors);
-        assert_eq!(vectors, [[1.0, 2.0, 3.0, 0.0]; 3]);
         assert!(frames.shear(&Weights::from(&p)).is_nan());
         frames.follow(&restriction, &[about_z(20.0); 5]);
         frames.settle();
-        assert!(frames.shear(&Weights::from(&p)) < 1e-3);
+        assert!(frames.shear(&Weights::from(&p)) < 1e-3 && frames.turns().is_empty());
         let turned = [1.0f32, -2.0, 0.5, -1.0, 3.0].map(|scale| about_z(110.0).map(|v| scale * v));
         frames.follow(&restriction, &turned);
-        assert!(frames.shear(&Weights::from(&p)) < 1e-3);
-        frames.leave(&mut vectors);
-        for v in &vectors {
+        assert!(frames.shear(&Weights::from(&p)) < 1e-3 && frames.turns().len() == 3);
+        for turn in frames.turns() {
+            let v = leave(turn, [1.0, 2.0, 3.0, 0.0]);
             assert!((0..4).all(|k| (v[k] - [-2.0, 1.0, 3.0, 0.0][k]).abs() < 1e-6), "{v:?}");
+            let v = enter(turn, v);
+            assert!((0..4).all(|k| (v[k] - [1.0, 2.0, 3.0, 0.0][k]).abs() < 1e-6), "{v:?}");
         }
-        frames.enter(&mut vectors);
-        assert!(vectors.iter().all(|v| (0..4).all(|k| (v[k] - [1.0, 2.0, 3.0, 0.0][k]).abs() < 1e-6)));
+        frames.settle();
+        assert!(frames.turns().is_empty());
         frames.clear();
-        frames.enter(&mut vectors);
         assert!(frames.shear(&Weights::from(&p)).is_nan());
     }
 

@@ -5,6 +5,7 @@
 //! coarse rows of its own, which are summed, where a block is asked for, in the order of the strips: any number of threads gives the
 //! same bits. Where each contribution lands is found once; a refresh only streams values through it.
 
+use super::frames::{Turn, enter};
 use super::interpolation::{Interpolation, Weights};
 use super::pattern::Pattern;
 use crate::par::Each;
@@ -20,7 +21,7 @@ const COLUMNS: usize = 2048;
 /// Not a column of the strip, or not a block of the row.
 const ABSENT: u16 = u16::MAX;
 /// Rows per task.
-const ROWS: usize = 128;
+pub(super) const ROWS: usize = 128;
 
 /// One coarsening.
 #[derive(Debug, Default)]
@@ -312,18 +313,35 @@ fn add(sum: &mut [f32; 9], w: f32, a: &[f32; 9]) {
     }
 }
 
-/// `out = Σ weight x` for every row of the interpolation, added to what is there.
+/// `Σ weight x` of a row.
+#[inline(always)]
+fn interpolated(p: &Weights, row: usize, x: &[[f32; 4]]) -> [f32; 4] {
+    let row = p.row(row);
+    // two sums: one addition need not wait for the last one
+    let mut sums = [[0.0; 4]; 2];
+    for (k, (w, column)) in p.weight[row.clone()].iter().zip(&p.column[row]).enumerate() {
+        let x = x[*column as usize];
+        (0..4).for_each(|j| sums[k % 2][j] += w * x[j]);
+    }
+    std::array::from_fn(|j| sums[0][j] + sums[1][j])
+}
+
+/// Adds `Σ weight x` to every row of the interpolation.
 pub(super) fn interpolate_add(p: &Weights, x: &[[f32; 4]], out: &mut [[f32; 4]]) {
     out.par_chunks_mut(ROWS).enumerate().each(|(c, out)| {
         for (i, out) in out.iter_mut().enumerate() {
-            let row = p.row(c * ROWS + i);
-            // two sums: one addition need not wait for the last one
-            let mut sums = [[0.0; 4]; 2];
-            for (k, (w, column)) in p.weight[row.clone()].iter().zip(&p.column[row]).enumerate() {
-                let x = x[*column as usize];
-                (0..4).for_each(|j| sums[k % 2][j] += w * x[j]);
-            }
-            (0..4).for_each(|j| out[j] += sums[0][j] + sums[1][j]);
+            let sum = interpolated(p, c * ROWS + i, x);
+            (0..4).for_each(|j| out[j] += sum[j]);
+        }
+    });
+}
+
+/// `out = Σ weight x` for every row of the restriction, turned back where there are turns.
+pub(super) fn restrict(pt: &Weights, turns: &[Turn], x: &[[f32; 4]], out: &mut [[f32; 4]]) {
+    out.par_chunks_mut(ROWS).enumerate().each(|(c, out)| {
+        for (i, out) in out.iter_mut().enumerate() {
+            let sum = interpolated(pt, c * ROWS + i, x);
+            *out = turns.get(c * ROWS + i).map_or(sum, |turn| enter(turn, sum));
         }
     });
 }
