@@ -20,8 +20,8 @@ pub use stages::{Clocks, TimedModel, TimedSolver};
 /// Measures the named bodies (the two standard ones without names) and prints some lines or a JSON object for each.
 ///
 /// # Errors
-/// [`Failure::Usage`] for a name that is no body and instructions that this machine does not have, [`Failure::Input`] for missing or damaged files, [`Failure::Simulation`]
-/// when a step fails.
+/// [`Failure::Usage`] for a name that is no body and instructions that this machine does not have, [`Failure::Input`] for missing or
+/// damaged files, [`Failure::Simulation`] when a step fails.
 pub fn run(args: &BenchArgs) -> Outcome {
     let default = body::DEFAULT.map(String::from);
     let names = if args.names.is_empty() { &default[..] } else { &args.names };

@@ -2,8 +2,7 @@
 
 use super::SINGLE;
 use super::coarsest::Coarsest;
-use super::frames::{Frames, leave};
-use super::galerkin::{Galerkin, ROWS, coarse_pattern, interpolate_add, restrict};
+use super::galerkin::{Galerkin, coarse_pattern};
 use super::interpolation::Interpolation;
 use super::level::{Level, order_for};
 use super::settings::{Marking, MultigridSettings, Smoother};
@@ -29,8 +28,6 @@ pub(crate) struct Cycle {
     /// Between level `l` and `l + 1`.
     galerkin: Vec<Galerkin>,
     coarsest: Coarsest,
-    /// Of the second level, in which it and those below it have their operators.
-    frames: Frames,
 }
 
 impl std::fmt::Debug for Cycle {
@@ -78,7 +75,7 @@ impl Cycle {
         if galerkin.is_empty() {
             return None;
         }
-        Some(Self { levels, galerkin, coarsest: Coarsest::new(fine), frames: Frames::default() })
+        Some(Self { levels, galerkin, coarsest: Coarsest::new(fine) })
     }
 
     /// Takes the rows of the system, whose pattern is `free`: products use these from now on.
@@ -108,21 +105,17 @@ impl Cycle {
         }
     }
 
-    /// Lets coarse operators turn with the cells of this system.
+    /// Lets coarse operators turn with the cells of this system: those of the second level, in whose frames all below it are.
     pub fn follow<R: Scalar>(&mut self, system: &mut dyn LinearSystem<R>) {
-        let (fine, restriction) = (&mut self.levels[0], self.galerkin[0].restriction());
-        let (node, rotation) = fine.scratch();
-        if system.rotations(node, rotation) {
-            self.frames.follow(restriction, rotation);
-        } else {
-            self.frames.clear();
-        }
+        let (node, rotation) = self.levels[0].scratch();
+        let turns = system.rotations(node, rotation);
+        self.galerkin[0].follow(turns.then_some(rotation));
     }
 
     /// How far parts of the body have turned against their surroundings since the coarse operators were made [rad]; NaN where nobody
     /// knows.
     pub fn shear(&self) -> f64 {
-        self.frames.shear(self.galerkin[0].interpolation())
+        self.galerkin[0].shear()
     }
 
     /// Rows of the finest level without a single entry.
@@ -133,7 +126,7 @@ impl Cycle {
     /// Drops what it knows of earlier matrices.
     pub fn forget(&mut self) {
         self.levels.iter_mut().for_each(Level::forget);
-        self.frames.clear();
+        self.galerkin[0].follow(None);
     }
 
     /// Products with the finest matrix that a cycle and the iteration around it are worth, in f64.
@@ -168,7 +161,6 @@ impl Cycle {
         for level in &mut self.levels {
             level.estimate_spectrum();
         }
-        self.frames.settle();
         self.coarsest.expire();
     }
 
@@ -198,7 +190,7 @@ impl Cycle {
             self.coarsest.solve(&mut self.levels[l]);
             return;
         }
-        let Self { levels, galerkin, coarsest, .. } = self;
+        let Self { levels, galerkin, coarsest } = self;
         if coarsest.is_due() {
             // on one thread, while the other ones smooth
             let last = &galerkin[galerkin.len() - 1];
@@ -207,14 +199,10 @@ impl Cycle {
             levels[l].smooth_from_zero();
         }
         let (fine, coarse) = self.levels.split_at_mut(l + 1);
-        // levels below the first are in frames of their own
-        let turns = if l == 0 { self.frames.turns() } else { &[] };
-        restrict(self.galerkin[l].restriction(), turns, fine[l].r.get(), coarse[0].b.get_mut());
+        self.galerkin[l].restrict(fine[l].r.get(), coarse[0].b.get_mut());
         self.descend(l + 1);
         let (fine, coarse) = self.levels.split_at_mut(l + 1);
-        let turns = if l == 0 { self.frames.turns() } else { &[] };
-        coarse[0].x.get_mut().par_iter_mut().zip(turns).with_min_len(ROWS).each(|(x, turn)| *x = leave(turn, *x));
-        interpolate_add(self.galerkin[l].interpolation(), coarse[0].x.get(), fine[l].x.get_mut());
+        self.galerkin[l].interpolate_add(coarse[0].x.get_mut(), fine[l].x.get_mut());
         fine[l].smooth();
     }
 }

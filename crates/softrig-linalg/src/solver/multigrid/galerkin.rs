@@ -5,7 +5,7 @@
 //! coarse rows of its own, which are summed, where a block is asked for, in the order of the strips: any number of threads gives the
 //! same bits. Where each contribution lands is found once; a refresh only streams values through it.
 
-use super::frames::{Turn, enter};
+use super::frames::{Frames, enter, leave};
 use super::interpolation::{Interpolation, Weights};
 use super::pattern::Pattern;
 use crate::par::Each;
@@ -21,13 +21,15 @@ const COLUMNS: usize = 2048;
 /// Not a column of the strip, or not a block of the row.
 const ABSENT: u16 = u16::MAX;
 /// Rows per task.
-pub(super) const ROWS: usize = 128;
+const ROWS: usize = 128;
 
 /// One coarsening.
 #[derive(Debug, Default)]
 pub(super) struct Galerkin {
     p: Weights,
     pt: Weights,
+    /// Of the coarse nodes: the operator is in these as they were when it was made.
+    frames: Frames,
     /// Pattern of the coarse matrix.
     coarse: Pattern,
     /// For every coarse block: its place, or that of its mirror image, in what the row has from the diagonal on, which is what is
@@ -187,10 +189,6 @@ impl Galerkin {
         &self.p
     }
 
-    pub fn restriction(&self) -> &Weights {
-        &self.pt
-    }
-
     /// Takes other weights on the same entries.
     pub fn set_weights(&mut self, p: &Interpolation) {
         debug_assert_eq!((&p.start, &p.column), (&self.p.start, &self.p.column));
@@ -226,6 +224,44 @@ impl Galerkin {
             }
         });
         self.parts = parts;
+        self.frames.settle();
+    }
+
+    /// The fine nodes are turned like this now, as quaternions of any length; or nothing turns.
+    pub fn follow(&mut self, fine: Option<&mut [[f32; 4]]>) {
+        match fine {
+            Some(fine) => self.frames.follow(&self.pt, fine),
+            None => self.frames.clear(),
+        }
+    }
+
+    /// How far frames have turned against each other since the operator was made, see [`Frames::shear`] [rad].
+    pub fn shear(&self) -> f64 {
+        self.frames.shear(&self.p)
+    }
+
+    /// `b = Tᵀ Pᵀ r`.
+    pub fn restrict(&self, r: &[[f32; 4]], b: &mut [[f32; 4]]) {
+        let (pt, turns) = (&self.pt, self.frames.turns());
+        b.par_chunks_mut(ROWS).enumerate().each(|(c, b)| {
+            for (i, b) in b.iter_mut().enumerate() {
+                let sum = interpolated(pt, c * ROWS + i, r);
+                *b = turns.get(c * ROWS + i).map_or(sum, |turn| enter(turn, sum));
+            }
+        });
+    }
+
+    /// Adds `P T x`; leaves `T x` in `x`.
+    pub fn interpolate_add(&self, x: &mut [[f32; 4]], fine: &mut [[f32; 4]]) {
+        let (p, turns) = (&self.p, self.frames.turns());
+        x.par_iter_mut().zip(turns).with_min_len(ROWS).each(|(x, turn)| *x = leave(turn, *x));
+        let x = &*x;
+        fine.par_chunks_mut(ROWS).enumerate().each(|(c, fine)| {
+            for (i, out) in fine.iter_mut().enumerate() {
+                let sum = interpolated(p, c * ROWS + i, x);
+                (0..4).for_each(|j| out[j] += sum[j]);
+            }
+        });
     }
 }
 
@@ -324,26 +360,6 @@ fn interpolated(p: &Weights, row: usize, x: &[[f32; 4]]) -> [f32; 4] {
         (0..4).for_each(|j| sums[k % 2][j] += w * x[j]);
     }
     std::array::from_fn(|j| sums[0][j] + sums[1][j])
-}
-
-/// Adds `Σ weight x` to every row of the interpolation.
-pub(super) fn interpolate_add(p: &Weights, x: &[[f32; 4]], out: &mut [[f32; 4]]) {
-    out.par_chunks_mut(ROWS).enumerate().each(|(c, out)| {
-        for (i, out) in out.iter_mut().enumerate() {
-            let sum = interpolated(p, c * ROWS + i, x);
-            (0..4).for_each(|j| out[j] += sum[j]);
-        }
-    });
-}
-
-/// `out = Σ weight x` for every row of the restriction, turned back where there are turns.
-pub(super) fn restrict(pt: &Weights, turns: &[Turn], x: &[[f32; 4]], out: &mut [[f32; 4]]) {
-    out.par_chunks_mut(ROWS).enumerate().each(|(c, out)| {
-        for (i, out) in out.iter_mut().enumerate() {
-            let sum = interpolated(pt, c * ROWS + i, x);
-            *out = turns.get(c * ROWS + i).map_or(sum, |turn| enter(turn, sum));
-        }
-    });
 }
 
 #[cfg(test)]

@@ -170,11 +170,11 @@ impl<R: Scalar> Multigrid<R> {
             return true;
         }
         cycle.follow(system);
-        let within = match self.settings.rebuild {
-            Rebuild::WhenTurned(angle) => cycle.shear() <= angle,
-            _ => true,
+        let turned = |angle| {
+            let shear = cycle.shear();
+            shear.is_nan() || shear > angle
         };
-        self.age.is_over() || !within
+        self.age.is_over() || matches!(self.settings.rebuild, Rebuild::WhenTurned(angle) if turned(angle))
     }
 }
 
